@@ -102,7 +102,7 @@ def test_cases_noise_of_two_steps_that_stands_is_stuck() -> None:
         ("pole_pairs = 2", "calibration = { scale = 30 }", "channels.f: 9e+04 rpm on average"),
         ("pole_pairs = 2", "", "turns 3000 rpm; a machine of 2 times as many pairs of poles? check channels.f.pole_pairs"),
         ("pole_pairs = 2", 'pole_pairs = "to be given"', "channels.f.pole_pairs: found 'to be given', expected a"),
-        ('unit = "Hz"', 'unit = "rpm"', "channels.f.pole_pairs: found it beside unit = 'rpm'"),
+        ('unit = "Hz"', 'unit = "rpm"', "channels.f.pole_pairs: found a value with unit = 'rpm'"),
         ("efficiency = 0.955", "efficiency = 95.5", "channels.load.efficiency: found 95.5"),
         ("efficiency = 0.955", "efficiency = 0.955\ncalibration = { scale = 1e3 }", "load.efficiency: found calibration"),
         ("rpm = 1500.0", "rpm = 1800.0", "check unit and calibration of both, channels.set_point and channels.f"),

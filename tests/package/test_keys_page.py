@@ -31,7 +31,7 @@ def test_every_key_has_a_sentence(keys):
 def test_a_row_has_type_unit_default_and_meaning(keys):
     page = keys.page()
     for row in (
-        "| `longest_bridge_s` | number from 1e-06 to 3600 | s | `0.25` | Longest stretch of a lost set point",
+        "| `longest_bridge_s` | number from 1e-06 to 3600 | s | `0.25` | Longest stretch without a valid set point",
         "| `K_i` | number from 1e-05 to 100000 | 1/s | *asked for* | Integral gain",
         '| `location` | "gauge", "brake", "shaft" |  | *needed* | "gauge": strain gauge',
         "| `n_s` | number from 0 to 1 |  | `0.0` | Of the shaft speed. |",

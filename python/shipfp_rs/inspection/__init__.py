@@ -58,36 +58,21 @@ LONGEST_SPECTRUM_S = 300.0
 
 @dataclass(frozen=True)
 class Inspection:
-    """Result of inspecting a log.
-
-    Parameters
-    ----------
-    log
-        Name of the log.
-    channels
-        Reports of the channels.
-    faults
-        JSON forms: kind (`shipfp_rs.logs.faults.KINDS`), channel, count, spans (first sample and one past the last).
-    windows
-        Stretches of constant set point, and its excitations; empty if no channel is recognised as a set point.
-    spectra
-        Amplitude spectrum of each channel over a stretch of constant set point: frequencies [Hz] and amplitudes.
-    peaks
-        Prominent spectral lines of each channel.
-    points
-        Steady points in order of speed; empty without a trial.
-    checks
-        JSON form of all checks.
-    """
+    """Result of inspecting a log."""
 
     log: str
     channels: tuple[ChannelReport, ...]
     faults: tuple[dict[str, Any], ...]
+    """JSON forms: kind (`shipfp_rs.logs.faults.KINDS`), channel, count, spans [first sample, last sample + 1]."""
     windows: tuple[FoundWindow, ...]
+    """Windows of the set point, at rest or not; empty if no channel is recognised as a set point."""
     spectra: Mapping[str, tuple[Array, Array]]
+    """Frequencies [Hz] and amplitudes of each channel over a stretch of constant set point."""
     peaks: Mapping[str, tuple[Peak, ...]]
     points: tuple[SteadyPoint, ...]
+    """Steady points in order of speed; empty without a trial."""
     checks: Mapping[str, Any]
+    """JSON form of all checks."""
 
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON form."""
@@ -106,30 +91,10 @@ class Inspection:
 def inspect_log(
     log: Log, trial: Trial | None = None, vessel: Vessel | None = None, *, C_Q: float | None = None
 ) -> Inspection:
-    """Inspect a log, with or without its trial.
-
-    Without a trial: channels, faults of clock and level, spikes, windows of the set point if a channel is recognised as
-    such, and spectral lines of every channel except pulse trains, over the longest stretch of constant set point.
-    With the trial: all faults that processing detects, named lines of the torque, the line through set point and speed, a
-    comparison of the pulse trains and their reflectors, and a comparison of the static torque with eq. 6.3, with a fitted
-    exponent.
-
-    Parameters
-    ----------
-    log
-        The recording.
-    trial
-        Trial with channels and calibrations; its windows are not needed.
-    vessel
-        The ship; None: the vessel of the trial.
-    C_Q
-        Torque coefficient for eq. 6.3; None: the coefficient at the vessel's operating point.
-
-    Raises
-    ------
-    InputError
-        If a channel of the trial is missing.
-    """
+    """Inspect a log, with or without its trial; `C_Q` (eq. 6.3) is by default that of the vessel's operating point."""
+    # Without a trial: channels, faults of clock and level, spikes, windows, and lines of the spectra at constant set point.
+    # With a trial: also all faults that processing detects, named lines of the torque, and the line of set point and speed.
+    # Pulse trains and their reflectors are then compared, and the static torque with eq. 6.3.
     if trial is not None:
         log = trial.completed(log)
     reports = describe(log)
@@ -155,7 +120,7 @@ def inspect_log(
             if points and tells_static_torque(vessel, C_Q):
                 checks["static_torque"] = static_check(vessel, points, C_Q)
             scale[torque.column] = torque.calibration.calibration("Nm").scale
-        # In a stretch at rest, the set point looks stuck; whether it is stuck was determined from the whole log.
+        # A set point at rest looks stuck in its window; whether it is stuck was determined from the whole log.
         known = {("stuck", trial.channels.driver.column)}
         known |= {(fault["kind"], fault["channel"]) for fault in faults}
         faults += _processed(every, known)
@@ -181,7 +146,7 @@ def inspect_log(
 
 
 def _at_rest(points: Sequence[SteadyPoint], steady: list[Experiment], longest: Experiment) -> dict[str, Any]:
-    """Checks of set point, pulse trains, noise and bandwidth in steady experiments."""
+    """Checks in steady experiments: set point, pulse trains, noise and bandwidth."""
     return {
         "set_point_to_speed": linearity(points),
         "pulse_trains": trains(steady),
@@ -197,7 +162,7 @@ def _at_rest(points: Sequence[SteadyPoint], steady: list[Experiment], longest: E
 
 
 def _windows(log: Log, trial: Trial | None) -> tuple[str, list[FoundWindow]]:
-    """Channel that moves and its windows, as `init` finds them; none without a recognised set point or load."""
+    """Channel that moves, and its windows, as in `init`; none if no set point or load is recognised."""
     if trial is not None:
         return found_or_named(log, trial)
     try:
@@ -208,7 +173,7 @@ def _windows(log: Log, trial: Trial | None) -> tuple[str, list[FoundWindow]]:
 
 
 def _spectrum(log: Log, report: ChannelReport, rest: FoundWindow | None, scale: float) -> tuple[Array, Array]:
-    """Spectrum of a channel over a stretch of constant set point, or over its start if no such stretch is known."""
+    """Spectrum of a channel over a stretch of constant set point, or over its start if there is no such stretch."""
     channel = report.channel
     start_s, stop_s = (channel.start_s, channel.stop_s) if rest is None else (rest.start_s, rest.stop_s)
     if rest is not None and stop_s - start_s > 3.0 * SETTLE_S:
@@ -247,7 +212,7 @@ def _recorded(log: Log, reports: Sequence[ChannelReport], trial: Trial | None) -
 
 
 def _processed(experiments: list[Experiment], known: set[tuple[str, str]]) -> list[dict[str, Any]]:
-    """Faults that processing found in the stretches, merged by kind and channel, except those known from the whole log."""
+    """Faults that processing found in the windows, merged by kind and channel, without those known from the whole log."""
     merged: dict[tuple[str, str], dict[str, Any]] = {}
     for experiment in experiments:
         for fault in experiment.provenance["faults"]:

@@ -1,4 +1,4 @@
-"""Contents of a log's channels: gaps, levels, noise, pulses; each is read once, in parallel."""
+"""Contents of a log's channels (gaps, levels, noise, pulses); each channel is read once, in parallel."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ from shipfp_rs.support.threads import side_by_side
 from shipfp_rs.tacho import PulseTimes, pulse_times
 
 OF_ANY = ("gap", "dropout", "stuck", "clipped", "repeated", "spike")
-"""Faults of level and spikes, searched in any channel except pulse trains."""
+"""Faults of level and spikes, which are searched in all channels except pulse trains."""
 OF_A_TRAIN = ("gap",)
 SPIKES: Mapping[str, str] = {"set_point": "D1", "torque": "C"}
-"""Fault kind of a spike, by role of the channel."""
+"""Fault kind of a spike, by the role of its channel."""
 OF_ROLES: Mapping[str, tuple[str, ...]] = {
     "set_point": ("D2", "D3"),
     "torque": ("sign",),
@@ -38,7 +38,7 @@ OF_ROLES: Mapping[str, tuple[str, ...]] = {
 
 
 def looked_for(reports: Sequence[ChannelReport], trial: Trial | None) -> dict[str, Any]:
-    """JSON form: "channels" has the fault kinds searched in each channel, "left_out" the kinds searched in none."""
+    """JSON form: the fault kinds searched in each channel ("channels"), and those searched in no channel ("left_out")."""
     found = {
         report.channel.name: [*(OF_ANY if report.pulses_hz is None else OF_A_TRAIN)]
         for report in reports
@@ -80,32 +80,35 @@ PROBE_S = 120.0
 """Length of the stretch from which a channel is classified [s]."""
 LEAST_PULSES = 10
 NEAR_A_LEVEL = 0.15
-"""A sample is at one of the two levels if it is closer than this fraction of the train's height."""
+"""A sample is at one of the two levels if it is closer to it than this fraction of the train's height."""
 AT_LEVELS = 0.75
-"""Least fraction of samples near one of the levels in a train with two levels; a sine has one half."""
+"""Least fraction of samples near one of the levels in a train with two levels; for a sine it is one half."""
 EVEN = 0.3
-"""Largest relative difference of an even period from the median of nine. Teeth and reflectors differ by less, steps of
-a set point or a torque by more.
+"""Largest relative difference of an even period from the median of nine. Periods of teeth and reflectors differ by
+less, those of steps of a set point or a torque by more.
 """
 EVEN_SHARE = 0.6
 SLOWEST_HZ = 0.2
 """Pulse rate [Hz] below which a channel does not count as a pulse train."""
 SINE_EVEN_SHARE = 0.9
 SWINGING_SLOWEST_HZ = 5.0
-"""Lowest rate of a pick-up that swings about zero [Hz], as one does that needs motion; slower oscillations are set points,
-test signals or waves. A switch's train has a level near zero, and any rate.
+"""Lowest pulse rate of a pick-up whose signal swings about zero [Hz], such as a variable-reluctance one, which needs
+motion. Slower oscillations are set points, test signals or waves. The train of a switch has a level near zero and may
+have any rate.
 """
 SINE_SCATTER = 0.15
-"""Largest scatter of the heights of neighbouring pulses; a torque's ripple, of several orders, scatters more."""
+"""Largest scatter of the heights of neighbouring pulses; the ripple of a torque has several orders and scatters more."""
 OFFSET = 1.0
-"""Largest offset of a train's mid-level from zero, relative to the pulse height; a torque's ripple and the steps of a speed
-or a voltage about its level have a larger one.
+"""Largest offset of a train's mid-level from zero, relative to the pulse height. The ripple of a torque, and steps of
+a speed or voltage about its level, have a larger offset.
 """
 SINE_DRIFT = 1.5
 """Largest interquartile range of a pick-up's mid-level, relative to the pulse height."""
 MAINS_HZ = (50.0, 60.0)
 MAINS_WITHIN, MAINS_STEADY = 5e-3, 1e-3
-"""Largest relative deviation from the mains frequency, and largest relative scatter, of mains hum; no shaft is as steady."""
+"""Largest relative deviation of mains hum from the mains frequency, and its largest relative scatter; no shaft is as
+steady.
+"""
 
 
 def pulse_rate(rows: Rows) -> float | None:
@@ -181,10 +184,7 @@ def _is_sinusoidal(probe: Array, pulses: PulseTimes) -> bool:
 
 @dataclass(frozen=True)
 class ChannelReport:
-    """Contents of one channel.
-
-    Gaps are spans (K, 2). The noise of a pulse train is NaN; `pulses_hz` is None for all other channels.
-    """
+    """Contents of one channel; gaps are spans (K, 2), a train's noise is NaN, `pulses_hz` is None for other channels."""
 
     channel: Channel
     gaps: Spans
@@ -194,7 +194,7 @@ class ChannelReport:
     pulses_hz: float | None
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the JSON form; gaps in seconds on the log's clock."""
+        """Return the JSON form; gaps are in seconds on the log's clock."""
         channel = self.channel
         times = channel.start_s + self.gaps / channel.rate_hz
         return {
@@ -231,7 +231,7 @@ def _described(log: Log, name: str, stopped: threading.Event) -> ChannelReport:
             low, high = min(low, float(present.min())), max(high, float(present.max()))
             noises.append(_noise(present[: 1 << 17].astype(np.float64)))
     given = named(channel)
-    # The ripple of a torque, with spikes of one height, looks like a train; a unit of speed or power excludes a train.
+    # The ripple of a torque, with spikes of equal height, looks like a train; a unit of speed or power excludes a train.
     other = "torque" in given.tells and "pulses" not in given.tells
     other |= not given.is_open and given.quantity not in (None, "other")
     pulses = None if other else pulse_rate(rows)

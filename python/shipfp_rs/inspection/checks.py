@@ -25,20 +25,20 @@ from shipfp_rs.vessel.vessel import PLANT_KEYS, Vessel
 SEGMENT_S = 20.0
 """Length of a segment of the averaged spectrum [s]; it resolves lines 0.25 Hz apart."""
 LEAST_SAMPLES = 64
-"""Fewest samples of a segment, and of a channel with a spectrum."""
+"""Least number of samples in a segment, and in a channel with a spectrum."""
 ABOVE_FLOOR = 4.0
 """Least ratio of a line's amplitude to the median amplitude around it."""
 FLOOR_HZ = 4.0
-"""Bandwidth in which this median is taken [Hz]."""
+"""Bandwidth of this median [Hz]."""
 LOWEST_HZ = 0.5
 MOST_PEAKS = 12
 NAMED_WITHIN = 0.01
-"""Largest relative distance of a line from a known rate, such as blade passage, by which it is named."""
+"""A line is named after a known rate, such as blade passage, if it differs from the rate by at most this fraction."""
 
 
 @dataclass(frozen=True)
 class Peak:
-    """Spectral line: frequency [Hz], amplitude in the channel's unit, and its source, if known."""
+    """Spectral line: frequency [Hz], amplitude in the channel's unit, and source if known."""
 
     frequency_hz: float
     amplitude: float
@@ -50,16 +50,14 @@ class Peak:
 
 
 def amplitude_spectrum(samples: npt.ArrayLike, rate_hz: float) -> tuple[Array, Array]:
-    """Frequencies [Hz] and averaged amplitudes of a steady signal, with spikes and gaps bridged.
-
-    The flat-top window shows a sine with its amplitude at any frequency.
-    """
+    """Frequencies [Hz] and averaged amplitudes of a steady signal, with spikes and gaps bridged."""
     values = np.asarray(samples, dtype=np.float64)
     values = bridge(values, ~np.isfinite(values))
     spikes = np.zeros(len(values), dtype=np.bool_)
     for start, stop in find_spikes(values, rate_hz, longest_s=0.05, threshold=6.0, least=0.05):
         spikes[max(start - 1, 0) : stop + 1] = True
     size = min(max(round(SEGMENT_S * rate_hz), LEAST_SAMPLES), len(values))
+    # The flat-top window preserves the amplitude of a sine at any frequency.
     frequency, power = signal.welch(
         bridge(values, spikes), rate_hz, window="flattop", nperseg=size, detrend="linear", scaling="spectrum"
     )
@@ -67,7 +65,7 @@ def amplitude_spectrum(samples: npt.ArrayLike, rate_hz: float) -> tuple[Array, A
 
 
 def rates_of(vessel: Vessel, n_e_rpm: float) -> dict[str, float]:
-    """Rates [Hz] of rotating parts by name at an engine speed (eq. 6.4 to 6.6), as far as the vessel defines them.
+    """Rates [Hz] of rotating parts, by name, at an engine speed (eq. 6.4 to 6.6), as far as the vessel defines them.
 
     Examples
     --------
@@ -91,7 +89,7 @@ def find_peaks(frequency: Array, amplitude: Array, known: Mapping[str, float] | 
     half = int(np.clip(0.5 * FLOOR_HZ / step, 1, len(amplitude) - 1))
     padded = np.pad(amplitude, half, mode="reflect")
     floor = np.median(np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1), axis=1)
-    # A line is several bins wide: take the highest within half a hertz.
+    # A line is several bins wide; only the highest bin within half a hertz counts.
     places, _ = signal.find_peaks(amplitude, height=ABOVE_FLOOR * floor, distance=max(round(0.5 / step), 1))
     places = places[frequency[places] >= LOWEST_HZ]
     places = np.sort(places[np.argsort(amplitude[places])[::-1][:MOST_PEAKS]])
@@ -109,16 +107,16 @@ def find_peaks(frequency: Array, amplitude: Array, known: Mapping[str, float] | 
 
 
 SETTLE_S = 4.0
-"""Settling time after a step, which is excluded [s]."""
+"""Settling time that is excluded after a step [s]."""
 SAME_POINT = 0.01
-"""Largest relative difference in speed between stretches of constant set point that count as one steady point."""
+"""Stretches of constant set point count as one steady point if their speeds differ by less than this fraction."""
 LEAST_SPAN = 1.1
-"""Least ratio of the highest to the lowest speed for a meaningful exponent."""
+"""Least ratio of highest to lowest speed, for the exponent to be fitted."""
 
 
 @dataclass(frozen=True)
 class SteadyPoint:
-    """Means over the stretches at one constant set point: n_set and n_e [rpm], torque [Nm] or None, and duration [s]."""
+    """Means over all stretches at one set point: n_set and n_e [rpm], torque [Nm] (None if not measured), duration [s]."""
 
     n_set_rpm: float
     n_e_rpm: float
@@ -127,17 +125,7 @@ class SteadyPoint:
 
 
 def static_torque(vessel: Vessel, n_e_rpm: npt.ArrayLike, C_Q: float | None = None) -> Array:
-    """Propeller torque of the four-quadrant diagram in bollard pull [Nm] (eq. 6.3).
-
-    Parameters
-    ----------
-    vessel
-        Source of gear ratio, diameter and density.
-    n_e_rpm
-        Engine speeds [rpm], any shape.
-    C_Q
-        C_Q* at beta 0 or 180 degrees, with eta_r assumed 1; 0.02709 for all five points of Table 6.8. None: that of
-        the vessel's operating point.
+    """Propeller torque in bollard pull [Nm] (eq. 6.3); `C_Q` is C_Q* at beta 0 or 180 degrees, with eta_r assumed 1.
 
     Examples
     --------
@@ -176,10 +164,7 @@ def static_check(vessel: Vessel, points: Sequence[SteadyPoint], C_Q: float | Non
 
 
 def linearity(points: Sequence[SteadyPoint]) -> dict[str, Any]:
-    """Fit n_e = slope n_set + offset to the steady points.
-
-    With at least three points, also give the largest residual [rpm].
-    """
+    """Fit n_e = slope n_set + offset to the steady points; with three or more, also give the largest residual [rpm]."""
     n_set = np.array([point.n_set_rpm for point in points])
     n_e = np.array([point.n_e_rpm for point in points])
     result: dict[str, Any] = {
@@ -198,7 +183,7 @@ def linearity(points: Sequence[SteadyPoint]) -> dict[str, Any]:
 
 
 def found_or_named(log: Log, trial: Trial) -> tuple[str, list[FoundWindow]]:
-    """Channel that moves and the windows of a log; those of the trial if the log is too short or never at rest."""
+    """Channel that moves, and the windows of a log, or those of the trial if the log is too short or never at rest."""
     mover, load = trial.channels.driver.column, trial.channels.load
     named = [
         (window.name, window.kind, window.start_s, window.stop_s) for window in trial.windows_of(log.name)
@@ -234,7 +219,7 @@ def _lasts(window: FoundWindow) -> bool:
 def found_experiments(
     log: Log, trial: Trial, vessel: Vessel, found: Sequence[FoundWindow]
 ) -> list[Experiment]:
-    """Process each detected window as a window of the trial; windows at rest start after the settling time."""
+    """Process each found window as a window of the trial; windows at rest begin after the settling time."""
     windows = tuple(
         Window(
             name=window.name,
@@ -281,7 +266,7 @@ def steady_points(experiments: Sequence[Experiment], torque: str | None) -> list
 
 
 def trains(experiments: Sequence[Experiment]) -> dict[str, Any]:
-    """Compare the speeds of the pulse trains, and report how far reflectors are from even spacing."""
+    """Compare the speeds of the pulse trains, and report how far the reflectors deviate from even spacing."""
     best = max(experiments, key=len).provenance["speed"]
     apart = [
         max(speeds) / min(speeds) - 1.0

@@ -14,8 +14,9 @@ from shipfp_rs.support.arrays import attributes
 
 Samples = npt.NDArray[Any]
 Blocks = Callable[[str, int, int], Iterator[Samples]]
-"""Function (channel, first row, block size) that yields the samples from the first row on, in blocks of one dtype with
-at most the block size. Gaps in integers are masked, not converted to NaN, which keeps every bit.
+"""Function (channel, first row, block size) that yields the samples from the first row on, in blocks. All blocks have
+the same dtype and at most the block size. Integers with gaps are masked arrays, since a conversion to NaN would lose
+bits.
 """
 BLOCK = 1 << 20
 """Default number of samples read or written at once."""
@@ -61,14 +62,14 @@ class Channel:
 
 
 def with_nan(block: Samples) -> Samples:
-    """Samples as recorded, gaps as NaN: integers with gaps become float64."""
+    """Convert masked samples of a block to NaN; integers with gaps become float64."""
     if not isinstance(block, np.ma.MaskedArray):
         return block
     return np.where(block.mask, np.nan, block.data) if np.ma.is_masked(block) else block.data
 
 
 def first_of(blocks: Iterable[Any], count: int) -> Iterator[Any]:
-    """Yield the first `count` rows of blocks, of NumPy or Arrow; no block after them is read."""
+    """Yield the first `count` rows of successive NumPy or Arrow blocks, and request no block after them."""
     for block in blocks if count > 0 else ():
         yield block[:count]
         count -= len(block)
@@ -79,16 +80,14 @@ def first_of(blocks: Iterable[Any], count: int) -> Iterator[Any]:
 def in_blocks(
     length: Callable[[str], int], read: Callable[[str, int, int], Samples], path: object = "log"
 ) -> Blocks:
-    """Make `Blocks` from the function `read` (channel, first, stop), which returns rows [first, stop) of a channel.
-
-    `InputError`, with `path`, where a block has the wrong length, since later samples would be shifted in time.
-    """
+    """Make `Blocks` from `read` (channel, first, stop), which returns rows [first, stop); a wrong length is an error."""
 
     def blocks(name: str, first: int, size: int) -> Iterator[Samples]:
         count = length(name)
         for start in range(first, count, size):
             stop = min(start + size, count)
             block = read(name, start, stop)
+            # A block of another length would shift all later samples in time.
             _require_length(path, name, start, len(block), stop - start)
             yield block
 

@@ -1,4 +1,4 @@
-"""File formats: module by suffix or first bytes, and errors of damaged files."""
+"""Choice of the reader by a file's suffix and first bytes, and errors of damaged files."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from shipfp_rs.errors import InputError, LogWarning, ShipfpError
 from shipfp_rs.support.files import words_of
 
 MOST_PACKED = 10_000
-"""Largest plausible number of samples per byte of a file, reached with compression where a channel hardly changes."""
+"""Largest plausible number of samples per byte of a file; a compressed channel that hardly changes reaches it."""
 MANY_SAMPLES = 1_000_000_000
 """Number of samples that is read within seconds, however small the file."""
 TOLD: Mapping[str, Any] = words_of("log_formats")
-"""Suffixes and first bytes of all formats; the file says what each table is of."""
+"""Suffixes and first bytes of all formats; `data/log_formats.toml` describes its tables."""
 SUFFIXES: Mapping[str, str] = TOLD["suffixes"]
 MODULES = {suffix: module for module, suffixes in SUFFIXES.items() for suffix in suffixes.split()}
 """Module of `shipfp_rs.logs.readers` for each suffix, imported when such a file is first opened."""
@@ -75,5 +75,5 @@ def require_size(path: Path, samples: int) -> None:
 
 
 def warn(path: Path | str, text: object) -> None:
-    """Warn of what a file lacks, or of what was assumed about it."""
+    """Warn of content that a file lacks, or of an assumption about it."""
     warnings.warn(f"{path}: {text}", LogWarning, stacklevel=5)

@@ -1,4 +1,4 @@
-"""Several files as one log: pieces of a recording, or loggers on one clock; even rows under a coarser clock."""
+"""Joins files of one recording, merges loggers with a common clock, and finds the rate of even rows under a coarse clock."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ Rows = npt.NDArray[np.int64]
 UNEVEN_TICKS = 0.01
 """Ticks (clock steps) count as equal if all are multiples of the shortest tick, within this fraction of the shortest."""
 USUAL = 0.9
-"""Least fraction of ticks with the same number of rows, for rows to count as missing in ticks with fewer rows."""
+"""Ticks with fewer rows than usual lack rows only if at least this fraction of the ticks has the usual number."""
 WITHIN = 1.05
 """Largest deviation [rows] of evenly spaced rows from a line through the first rows of their ticks."""
 EARLY = 0.25
@@ -39,9 +39,9 @@ class CoarseClock:
     """Evenly spaced rows under a coarse clock."""
 
     rate_hz: float
-    """Rate of the rows: the roundest number consistent with the ticks."""
+    """Rate of the rows [Hz]: the number with the fewest digits that is consistent with the ticks."""
     resolution_s: float
-    """One tick [s]."""
+    """Length of a tick [s]."""
     times: Array
     """Time of every row [s], to within one row; the time jumps where rows are missing or the clock was set."""
     jumps: bool
@@ -51,7 +51,7 @@ class CoarseClock:
 
 
 def find_coarse(times: Array) -> CoarseClock | None:
-    """Return the clock of evenly spaced rows with coarse, thus repeated, times; None if the rows are not evenly spaced."""
+    """Return the clock of evenly spaced rows with coarse, and so repeated, times; None if the rows are not evenly spaced."""
     steps = np.diff(times)
     rises = np.flatnonzero(steps != 0.0) + 1
     if len(rises) < 3 or not (steps > 0.0).any():
@@ -67,23 +67,20 @@ def find_coarse(times: Array) -> CoarseClock | None:
 
 
 def _through(times: Array, rises: Rows, tick: float, slips: Sequence[_Slip]) -> CoarseClock | None:
-    """Evenly spaced rows that fit all changes of the clock, except at slips (missing rows or a clock that was set).
-
-    None if the rows are not evenly spaced.
-    """
+    """Fit evenly spaced rows to all changes of the clock except at slips; None if the rows are not evenly spaced."""
     ends = [0, *(k for slip in slips for k in (slip.before, slip.behind)), len(rises) - 1]
     spans = rises[np.reshape(ends, (-1, 2))]
     count = int(np.diff(spans).sum())
     period = float(np.diff(times[spans]).sum()) / count if count else 0.0
     if not period > 0.0:
         return None
-    known = 1.5 / count  # times are accurate to one row; take the roundest rate within this error
+    known = 1.5 / count  # times are accurate to one row; take the rate with the fewest digits
     rate = next(
         rounded
         for digits in range(1, 13)
         if abs((rounded := float(f"{1.0 / period:.{digits}g}")) * period - 1.0) <= known
     )
-    # The first row of a tick is less than one sample interval after the clock's change. Quantile 0.9: a tenth may be early.
+    # The first row of a tick is less than one sample interval after the clock's change; a tenth of them may be early.
     behind = times[rises] - rises / rate
     levels = [
         float(np.quantile(behind[first : stop + 1], 0.9, method="higher"))
@@ -113,7 +110,7 @@ class _Slip(NamedTuple):
 
 
 def _rows(slip: _Slip, rises: Rows, count: int) -> tuple[int, int]:
-    """Rows [first, stop) of a slip; near an end of the file, where the tick is not complete, all rows up to that end."""
+    """Rows [first, stop) of a slip; near an end of the file, where the tick is incomplete, all rows up to that end."""
     first = 0 if slip.before == 0 else int(rises[slip.before])
     return first, count if slip.behind == len(rises) - 1 else int(rises[slip.behind])
 
@@ -126,7 +123,7 @@ def _rows_a_tick(counts: Rows) -> float:
     near = counts[np.abs(counts - usual) <= 2.0]
     mean = float(near.mean()) if len(near) else usual
     fewer = float((usual - near).sum())
-    if fewer >= 2.0:  # with a fractional number of rows per tick, shorter ticks recur evenly
+    if fewer >= 2.0:  # with a fractional number of rows per tick, shorter ticks recur at even intervals
         walk, slopes = np.cumsum(near - mean)[:, None], np.linspace(-1.0, 1.0, 41) / len(near)
         if np.ptp(walk + np.arange(len(near))[:, None] * slopes, axis=0).min() <= WITHIN:
             return mean
@@ -134,7 +131,7 @@ def _rows_a_tick(counts: Rows) -> float:
 
 
 def _slips(passed: Array, counts: Rows) -> tuple[list[_Slip], bool]:
-    """Find slips from the ticks at each change and the rows between changes; also whether some time stamps are early."""
+    """Find the slips by the ticks and rows between changes of the clock; also return whether some time stamps are early."""
     steps = passed[1:]
     usual = _rows_a_tick(counts[steps == 1.0])
     lacking = usual * steps - counts
@@ -161,11 +158,11 @@ def _slips(passed: Array, counts: Rows) -> tuple[list[_Slip], bool]:
 RATES_AGREE = 1e-4
 """Largest relative difference between the estimated rates of two pieces."""
 LONGEST_GAP = 100.0
-"""Most missing samples between two pieces of a recording, per recorded sample."""
+"""Largest number of missing samples between two pieces of a recording, per recorded sample."""
 OFF_GRID = 0.25
 """Largest offset between the sample times of overlapping pieces [samples]; rounded times cause such offsets."""
 COMPARED = 1 << 16
-"""Samples of an overlap compared at once."""
+"""Number of samples of an overlap that are compared at once."""
 
 
 def open_pattern(path: Path, **options: Any) -> Log:
@@ -190,7 +187,7 @@ def join(logs: Sequence[Log], name: str = "") -> Log:
     logs
         Pieces with the same channels.
     name
-        Name of the log; by default that of the first piece.
+        Name of the joined log; by default that of the first piece.
 
     Raises
     ------
@@ -234,7 +231,7 @@ def join(logs: Sequence[Log], name: str = "") -> Log:
 
 @dataclass
 class _Placed:
-    """One channel of the pieces placed so far: index of each piece's first sample, end of the last piece, gaps, overlaps."""
+    """A joined channel so far: its pieces with the index of their first sample, its end, gaps and overlaps."""
 
     rate_hz: float
     start_s: float
@@ -264,10 +261,7 @@ class _Placed:
 
 
 def _faults_of_pieces(placed: dict[str, _Placed]) -> list[Fault]:
-    """Faults of the pieces' logs, with spans in samples of the joined channel.
-
-    A fault of the clock is placed by the first channel.
-    """
+    """Faults of the pieces, with spans in samples of the joined channel; faults of the clock refer to the first channel."""
     anywhere = next(iter(placed.values()))
     found: list[Fault] = []
     for number, (_, log) in enumerate(anywhere.pieces):
@@ -376,10 +370,10 @@ def merge(logs: Sequence[Log], name: str = "") -> Log:
     Parameters
     ----------
     logs
-        Either all logs have a date, or none; without dates, all times are assumed to come from one clock. A channel
-        name that occurs in several logs gets the file's name as a prefix.
+        Logs to merge. Either all of them have a date, or none; without dates, all times are assumed to come from one
+        clock. A channel name that occurs in several logs gets the file's name as a prefix.
     name
-        Name of the log; by default that of the first one.
+        Name of the merged log; by default that of the first log.
 
     Raises
     ------

@@ -40,9 +40,11 @@ if TYPE_CHECKING:
 
 
 KEPT = 1 << 17
-"""Number of samples kept in memory after reading, since stretches overlap by a filter length of a second or two."""
+"""Number of samples kept in memory after reading: successive stretches overlap by a filter's length, one or two
+seconds.
+"""
 STRETCH_BYTES = 1 << 26
-"""Memory for a channel whose stretches are read more than once: over two hours at 2 kHz as float32."""
+"""Memory for a channel whose stretches are read more than once [bytes]: over two hours at 2 kHz as float32."""
 
 
 class Stopped(Exception):
@@ -50,7 +52,7 @@ class Stopped(Exception):
 
 
 class Rows:
-    """Reader of a channel's rows [first, stop), with its delay removed; in ascending order, each sample is decoded once."""
+    """Reader of a channel's rows [first, stop), with its delay removed; ascending reads decode each sample only once."""
 
     def __init__(
         self,
@@ -70,18 +72,18 @@ class Rows:
         self._kept_bytes = kept_bytes
         self._stopped = stopped or threading.Event()
         self._chunks: Iterator[Samples] = iter(())
-        self._held: list[tuple[int, Samples]] = []  # consecutive chunks up to the next row
+        self._held: list[tuple[int, Samples]] = []  # latest chunks, consecutive up to row `_at`
         self._at = -1  # first row of the next chunk
 
     def within(self, start_s: float, stop_s: float) -> tuple[int, int]:
-        """Rows [first, stop) of a stretch of time; `InputError` where the channel has no such stretch."""
+        """Rows [first, stop) of a stretch of time; `InputError` if the stretch is empty or outside the channel."""
         first, stop = self.log.rows(self.channel.name, start_s, stop_s)
         late = round((self._start_s - self.channel.start_s) * self.channel.rate_hz)
         last = self.channel.samples
         return min(max(first + late, 0), last - 1), min(max(stop + late, 1), last)
 
     def read(self, first: int, stop: int) -> Samples:
-        """Rows as recorded, shape (stop - first,)."""
+        """Return rows as recorded, shape (stop - first,)."""
         parts = list(self.pieces(first, stop))
         if not parts:
             return np.empty(0)
@@ -122,7 +124,7 @@ class Rows:
 
 
 class Pieces:
-    """Samples of a channel by index, read in pieces of which the latest are kept: requests are mostly close together."""
+    """Reader of a channel's samples in any order; it keeps the latest pieces, since requests are mostly close together."""
 
     def __init__(self, log: Callable[[], Log], channel: Channel, size: int, kept: int) -> None:
         self._log, self._channel = log, channel
@@ -197,7 +199,7 @@ class Log(hints.Hinted):
                 )
         self.name = name
         self.start_utc = start_utc  # date of the log's time zero, if the file has one
-        self.faults = faults  # faults of the whole file: of the clock, of the end of the file
+        self.faults = faults  # faults of the whole file, such as of its clock or its end
         self.notes = notes  # assumptions about the file, one line each
         self.channels: Mapping[str, Channel] = MappingProxyType(
             {channel.name: replace(channel, unit=units.told(channel.unit)) for channel in channels}
@@ -205,11 +207,11 @@ class Log(hints.Hinted):
         self._blocks = whole(name, self.channels, blocks)
 
     def counted(self, fault: Fault) -> Channel | None:
-        """Channel whose samples the spans of a file's fault count; None if the log has no such channel."""
+        """Channel to whose samples the spans of a fault refer; None if the log has no such channel."""
         return self.channels.get(fault.of or fault.channel)
 
     def faults_under(self, names: Mapping[str, str]) -> list[Fault]:
-        """Faults of the file in a log that has its channels under other names."""
+        """Faults of this log for another one that has its channels under new names: `names` maps old to new."""
         first = next(iter(self.channels.values()))
         return [replace(fault, of=names[(self.counted(fault) or first).name]) for fault in self.faults]
 
@@ -361,7 +363,7 @@ class Log(hints.Hinted):
         name
             Name of the channel.
         start_s, stop_s
-            Stretch on the log's clock [s]; None: from the channel's start, to its end.
+            Stretch on the log's clock [s]; None for the channel's start or end.
 
         Raises
         ------
@@ -420,7 +422,7 @@ class Log(hints.Hinted):
         name
             Name of the channel.
         start_s, stop_s
-            Stretch [start_s, stop_s) on the log's clock [s]; None: from the channel's start, to its end.
+            Stretch [start_s, stop_s) on the log's clock [s]; None for the channel's start or end.
 
         Raises
         ------
@@ -448,13 +450,13 @@ class Log(hints.Hinted):
     def to_pandas(self, names: Sequence[str] | None = None) -> pd.DataFrame:
         """Return channels as columns of a `pandas.DataFrame` with the log's clock [s] as index `time_s`.
 
-        Units are in `attrs["units"]`. For channels of different rates or starts, there is a row for every sample time
-        of any channel, NaN where a channel has no sample.
+        Units are in `attrs["units"]`. If rates or starts differ, there is a row for each sample time of any channel,
+        with NaN where a channel has no sample.
 
         Parameters
         ----------
         names
-            Names of the channels; None: all that have samples.
+            Names of the channels; None for all channels that have samples.
 
         Raises
         ------
@@ -506,7 +508,7 @@ class Log(hints.Hinted):
 
 
 Reader = Callable[..., Log]
-"""Function (path, rate_hz) that returns a log; it gets the options it was registered for as keywords."""
+"""Function (path, rate_hz) that returns a log; options for which it was registered are passed as keywords."""
 _READERS: dict[str, Reader] = {}
 _TAKES: dict[Reader, tuple[str, ...]] = {}
 

@@ -1,4 +1,4 @@
-"""Even grid for the times of recorded rows; rows at uneven times are resampled."""
+"""Even time grid of recorded rows; rows at uneven times are resampled."""
 
 from __future__ import annotations
 
@@ -34,25 +34,29 @@ Times = Callable[[], Iterable[Array]]
 """Function that iterates over the times of all rows [s], from the start at each call."""
 
 LEAST_CHANGES, LONGEST_SCANS, OFTEN = 8, 4.0, 0.1
-"""Least rows, and fraction of steps longer than these scans, of a channel that is recorded on change."""
+"""A channel counts as recorded on change if it has at least `LEAST_CHANGES` steps, and more than the fraction `OFTEN`
+of them are longer than `LONGEST_SCANS` scans.
+"""
 WHOLE = 0.1
-"""Largest distance of such a step from a whole number of scans, as a fraction of it."""
+"""Largest deviation of a step from a whole number of scans, relative to the step."""
 GAP = 3.0
-"""Steps longer than this multiple of the step that 90 % do not exceed are kept as gaps."""
+"""Steps longer than this multiple of the 90 % quantile of all steps remain gaps."""
 MOST_GROWTH = 8.0
-"""Most samples of the even grid per recorded sample; where rows are denser than this grid, they are averaged over its
+"""Largest number of grid samples per recorded sample; where rows are denser than the grid, they are averaged over its
 cells.
 """
 CHANGES_GROWTH = 32.0
-"""Most samples of the even grid per recorded change of a state."""
+"""Largest number of grid samples per recorded state change."""
 MOST_EVEN, MISSED = 1.01, 1.5
-"""Rows are even if a long step is below `MOST_EVEN` short steps; in even rows, a step above `MISSED` long steps is a gap."""
+"""Rows are even if a long step (90 % quantile) is below `MOST_EVEN` short steps (5 % quantile). In even rows, a step
+above `MISSED` long steps is a gap.
+"""
 HELD_GROWTH = 1000.0
-"""Most samples of the even grid per recorded change of a channel that is held."""
+"""Largest number of grid samples per recorded change of a held channel."""
 BOUNCE = 0.05
-"""Changes of a state closer than this fraction of a grid step are one edge, doubled."""
+"""State changes closer than this fraction of a grid step belong to one edge, which bounces."""
 CHANGE_STEPS = 4.0
-"""Least number of grid steps between two changes of a state, for all but the shortest twentieth of the changes."""
+"""Least number of grid steps between two state changes, except for the shortest twentieth of the intervals."""
 FAR_OFF = 1.5
 """Ratio between a given rate and that of a time column, or its inverse, above which a warning is given."""
 MOST_EQUAL = 0.1
@@ -61,7 +65,7 @@ MOST_EQUAL = 0.1
 
 @dataclass(frozen=True)
 class TimeAxis:
-    """Even grid, faults of the clock, a note on uneven times, and the conversion of a file's rows to samples on the grid."""
+    """Even time grid of a file, with the clock's faults, a note on uneven times, and the conversion of rows to samples."""
 
     start_s: float
     rate_hz: float
@@ -70,10 +74,10 @@ class TimeAxis:
     note: str
     on_grid: Callable[[Blocks], Blocks]
     doubled: Callable[[Blocks, str], tuple[Fault, ...]] = lambda blocks, channel: ()
-    """Function (rows, channel): the doubled edges of a channel of two states, of which one is kept."""
+    """Function (rows, channel) that returns the fault of a two-state channel's edges that bounce."""
 
     def faults_of(self, channel: str) -> tuple[Fault, ...]:
-        """Faults of the clock, in samples of a channel."""
+        """Faults of the clock, with spans that refer to the samples of `channel`."""
         return tuple(replace(fault, of=channel) for fault in self.faults)
 
     def tell(self, path: Path | str) -> None:
@@ -90,25 +94,12 @@ def time_axis(
     *,
     rate_hz: float | None = None,
     same: Same | None = None,
-    changes: bool = False,
-    held: bool = False,
+    changes: bool = False,  # rows are state changes of two-state channels: the grid is finer, and long steps are no gaps
+    held: bool = False,  # rows may record only the changes of a channel with an even scan: each value is held until the next
 ) -> TimeAxis:
-    """Find the grid of a time column.
-
-    Times are even if they deviate from a straight line by less than half a step; single jumps are gaps, rows written twice
-    or a temporary error of the clock. A jump backwards, or by more than the file's length, divides the file into stretches
-    placed two seconds apart. Under a clock coarser than the rows, such as whole seconds, the rate follows from its
-    changes: rows are missing where the clock jumps, or where a tick (one step of the clock) inside the file lacks rows.
-    Rows at uneven times are resampled by straight lines between samples, at the rate of their shortest steps (the 5 %
-    quantile), which avoids aliasing. A channel of two states keeps its last value instead. A grid has at most eight
-    samples per recorded sample; where the rows are denser than this grid, they are averaged over its cells. Steps of
-    more than three times the step that 90 % do not exceed remain gaps.
-
-    `path` and `column` are for messages. A given rate takes precedence over the times, of which only the start is then
-    used. Equal rows (`same`) of one time are one. `changes`: rows record only the state changes of two-state channels;
-    then the grid is finer, and a long step is not a gap. `held`: rows may record only the changes of a channel at an even
-    scan; then each value is held until the next. `InputError` if the times do not increase, apart from single jumps.
-    """
+    """Find the even grid of a time column; `path` and `column` are for messages. `InputError` if times do not increase."""
+    # Times are even if they deviate from a straight line by less than half a step, apart from single jumps.
+    # A given rate takes precedence over the times; only their start is then used.
     same = same or same_rows([])
     scan = ClockScan()
     for part in _ended(times()):
@@ -117,7 +108,7 @@ def time_axis(
         clock = scan.finish(str(path), column, same, trusted=rate_hz is None)
     except InputError as error:
         return _uneven(path, column, np.concatenate([np.empty(0), *times()]), error, same, changes, held)
-    # Where each row changes a state, a long step is a state that lasts, such as the gap of a wheel, and no row is missing.
+    # If each row is a state change, a long step is a long state, such as a missing tooth of a wheel; no row is missing.
     if rate_hz is None and (scan.bends() or (changes and clock.faults)):
         told = InputError(f"{path}: time column {column!r} is not uniform: its rate changes by and by")
         return _uneven(path, column, np.concatenate(list(times())), told, same, changes, held)
@@ -125,7 +116,7 @@ def time_axis(
 
 
 def _ended(times: Iterable[Array]) -> Iterator[Array]:
-    """Times without the empty cells at the end of a column that is shorter than its table."""
+    """Yield the times without the empty cells at the end of a column that is shorter than its table."""
     empty: list[Array] = []
     for part in times:
         count = int(np.max(np.flatnonzero(np.isfinite(part)), initial=-1)) + 1
@@ -163,7 +154,7 @@ def _uneven(
         again &= same(1, 0, count - 1)
         lengths = np.diff(np.flatnonzero(np.concatenate([[True], ~again, [True]])))
         times_each = int(np.gcd.reduce(lengths)) if len(lengths) >= LEAST_CHANGES else 1
-        if times_each > 1:  # also where rows of one time differ, under a coarse clock
+        if times_each > 1:  # rows with the same time may differ, as under a coarse clock
             again = np.arange(1, count) % times_each > 0
         if times_each > 1 or (again >= (steps == 0.0)).all():
             return _once(path, column, times, np.append(True, ~again), changes, held)
@@ -188,7 +179,7 @@ def _uneven(
 
 
 def _once(path: Path | str, column: str, times: Array, kept: Mask, changes: bool, held: bool) -> TimeAxis:
-    """Grid of the rows that are kept of those written twice."""
+    """Grid of the rows marked in `kept`; the others are second copies."""
     rows = np.flatnonzero(kept)
     axis = time_axis(path, column, lambda: [times[rows]], changes=changes, held=held)
 
@@ -202,14 +193,14 @@ def _once(path: Path | str, column: str, times: Array, kept: Mask, changes: bool
         return read
 
     at = np.round((times[~kept] - axis.start_s) * axis.rate_hz).astype(np.int64)
-    at = np.maximum(at, np.cumsum(kept)[~kept] - 1)  # a coarse clock determines only the tick
+    at = np.maximum(at, np.cumsum(kept)[~kept] - 1)  # a coarse clock gives only the tick of a row
     twice = joined([np.column_stack([at, at + 1])])
     fault = Fault("repeated", column, Sentence("copies left out"), twice, excluded=False)
     return replace(axis, faults=(fault, *axis.faults), on_grid=lambda blocks: axis.on_grid(once(blocks)))
 
 
 def are_on_change(times: Array) -> bool:
-    """Whether a channel is recorded when it changes: its steps are one scan, or often many, of an even scan."""
+    """Whether a channel is recorded on change: nearly all steps are whole numbers of scans, and many are long."""
     steps = np.diff(times)
     if len(steps) < LEAST_CHANGES or not (steps > 0.0).all():
         return False
@@ -257,6 +248,7 @@ def _resampled(
     covered = float(times[-1] - times[0] - steps[gaps].sum())
     if not covered > 0.0:
         raise InputError(f"{path}: time column {column!r} has nothing but gaps; give rate_hz (--rate)")
+    # The rate of the short steps (5 % quantile) avoids aliasing.
     step = median if short > 0.8 * median and not held else short
     growth = HELD_GROWTH if held else CHANGES_GROWTH if changes else MOST_GROWTH
     step = max(short / CHANGE_STEPS if changes else step, covered / (growth * len(times)))
@@ -340,7 +332,7 @@ class _Grid:
 
 
 def finer(channel: Channel, blocks: Blocks, rate_hz: float, *, held: bool) -> tuple[Channel, Blocks]:
-    """Raise the rate of a channel: each value is held until the next one, or straight lines join them."""
+    """Raise the rate of a channel: hold each value until the next one (`held`), or interpolate linearly."""
     times = channel.start_s + np.arange(channel.samples) / channel.rate_hz
     samples = int(channel.samples * rate_hz / channel.rate_hz)
     no_gaps = np.empty((0, 2), dtype=np.int64)
@@ -366,7 +358,7 @@ def _has_two_states(blocks: Blocks, channel: str) -> bool:
 
 
 def _on_lines(times: Array, values: Array, at: Array, half: float) -> Array:
-    """Interpolate between rows, and average where a grid cell has several rows."""
+    """Interpolate between rows, or average the rows where a grid cell has several."""
     time, index = np.unique(times, return_inverse=True)
     if len(time) < len(values):  # mean over rows with the same time
         values = np.bincount(index, values) / np.bincount(index)
@@ -380,7 +372,8 @@ def _on_lines(times: Array, values: Array, at: Array, half: float) -> Array:
 def _on_ramps(times: Array, values: Array, at: Array, step: float) -> Array:
     """Samples of a two-state channel with ramps over two grid steps, which preserve the times of its changes.
 
-    An edge may bounce. If the state differs after the last change of the edge, its first change counts, else none.
+    An edge that bounces has several changes. The first one counts if the edge's last state differs from the state
+    before the edge; else none counts.
 
     Examples
     --------
@@ -398,14 +391,14 @@ def _on_ramps(times: Array, values: Array, at: Array, step: float) -> Array:
 
 
 def _edges(times: Array, values: Array, step: float) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
-    """First row of each edge, and the edge's number of changes: several, far closer than a grid step, if it bounces."""
+    """First row and number of changes of each edge; an edge that bounces has several changes within part of a grid step."""
     rows = np.flatnonzero(values[1:] != values[:-1]) + 1
     first = np.flatnonzero(np.diff(times[rows], prepend=-np.inf) >= BOUNCE * step)
     return rows[first], np.diff(first, append=len(rows))
 
 
 def _means(time: Array, values: Array, begins: Array, ends: Array) -> Array:
-    """Means over grid cells of the linearly interpolated samples; cells are cut off at the first and the last sample."""
+    """Mean of the linear interpolation over each grid cell; cells are cut off at the first and the last sample."""
     begins, ends = np.maximum(begins, time[0]), np.minimum(ends, time[-1])
     lost = ~np.isfinite(values)
     if lost.any():

@@ -1,4 +1,4 @@
-"""Alignment of several loggers' clocks: offset and drift from a signal that all of them recorded."""
+"""Alignment of several loggers' clocks: offset and drift, estimated from a signal that all loggers recorded."""
 
 from __future__ import annotations
 
@@ -23,17 +23,19 @@ from shipfp_rs.support.spikes import ROBUST_SIGMA
 from shipfp_rs.tacho import pulse_times
 
 COARSE_HZ, FINE_HZ = 10.0, 100.0
-"""Sample rates for the search and the refinement of the lag."""
+"""Sample rates at which the lag is searched and refined."""
 COARSE_S, FINE_S = 300.0, 60.0
-"""Lengths of the stretches whose lags are estimated [s]; a drift of 100 ppm is 30 ms over the longer ones."""
+"""Lengths of the stretches whose lags are estimated [s]; over the longer ones, a drift of 100 ppm is 30 ms."""
 SMOOTH_S = 0.03
 """Standard deviation [s] of the Gaussian that smooths the fine signals, which makes linear interpolation accurate."""
 ALIKE = 0.8
-"""Least correlation between a stretch of one logger's signal and the other logger's signal."""
+"""Least correlation of a stretch of one logger's signal with the other logger's signal."""
 MOST_DRIFT = 1e-3
 """Largest relative difference in rate between two working clocks."""
 STEPS = 4
-"""Gauss-Newton steps for the lag of a stretch; also the most passes of the robust line through the lags."""
+"""Number of Gauss-Newton steps for the lag of a stretch, and largest number of passes of the robust line through the
+lags.
+"""
 PASSES = 3
 """Number of times that the lags of all stretches are refitted."""
 NEXT_PULSE = 0.25
@@ -49,7 +51,7 @@ class Alignment:
     drift: float
     """Relative difference in rate."""
     std_s: float
-    """Standard deviation of the converted time at that end of the log where it is larger [s]."""
+    """Standard deviation of the converted time [s], the larger of those at the two ends of the log."""
 
     def __call__(self, time_s: npt.ArrayLike) -> Array:
         """Convert times to the reference's clock [s]."""
@@ -59,13 +61,9 @@ class Alignment:
 def align(
     reference: Log, other: Log, common: str, *, pulses: bool = False, search_s: float = 120.0
 ) -> Alignment:
-    """Estimate one logger's clock relative to another's from a channel with the same name in both.
-
-    A coarse lag is found by correlating stretches, and a line through the lags from the median of all slopes (Theil and
-    Sen). The line is refined by fitting the lag of each minute, weighted by its inverse variance; minutes without
-    changes contribute nothing. With a pulse train, the pulses of both loggers are then matched. The clocks differ by at
-    most `search_s`. `InputError` if a channel is missing, or the two have no varying stretch in common.
-    """
+    """Estimate a logger's clock relative to the reference's, at most `search_s` apart, by a channel recorded in both."""
+    # A line through the lags of correlated stretches (Theil and Sen) is refined by the lag of each minute.
+    # A minute is weighted by its inverse variance; without changes, it contributes nothing.
     trains = [_pulses(log, common) for log in (reference, other)] if pulses else []
     here, there = map(_frequency, trains) if pulses else (_smooth(log, common) for log in (reference, other))
     coarse = _coarse(here, there, search_s)
@@ -79,11 +77,7 @@ def align(
 
 
 def merged(reference: Log, others: Sequence[Log], common: str, *, pulses: bool = False) -> Log:
-    """Combine all channels in one log on the reference's clock.
-
-    Samples of other loggers are interpolated linearly at their nominal rates; the file's name is appended to channel names
-    that the reference has, too. Offset and drift of each clock are recorded as a fault.
-    """
+    """Combine all channels in one log on the reference's clock; each clock's offset and drift are recorded as a fault."""
     channels = dict(reference.channels)
     sources = {name: (reference, name) for name in channels}
     faults = list(reference.faults)
@@ -111,7 +105,7 @@ def merged(reference: Log, others: Sequence[Log], common: str, *, pulses: bool =
 
 
 def on_clock(log: Log, alignment: Alignment) -> Log:
-    """Interpolate a log's samples at even times of the reference's clock."""
+    """Interpolate a log's samples linearly at even times of the reference's clock."""
     stretch = 1.0 + alignment.drift
     channels = [
         replace(
@@ -164,7 +158,7 @@ class _Series:
 
 
 def _smooth(log: Log, name: str) -> _Series:
-    """Low-pass a channel well below the fine rate, since a step between two samples has no exact time."""
+    """Low-pass a channel far below the fine rate, since a step between two samples has no exact time."""
     rows = Rows(log, name)
     channel = rows.channel
     rate_hz = nearest_rate(channel, FINE_HZ)
@@ -189,7 +183,7 @@ def _frequency(times: Array) -> _Series:
 
 
 def _coarse(here: _Series, there: _Series, search_s: float) -> Alignment | None:
-    """Line through the lags of long stretches; None if no stretch correlates."""
+    """Fit a line through the lags of long stretches; None if no stretch correlates."""
     here, there = here.slower(COARSE_HZ), there.slower(COARSE_HZ)
     length_s = min(COARSE_S, (there.stop_s - there.start_s) / 4.0)
     found = []
@@ -208,7 +202,7 @@ def _coarse(here: _Series, there: _Series, search_s: float) -> Alignment | None:
 
 
 def _correlation(around: Array, part: Array) -> Array:
-    """Correlation coefficient between `part` and every stretch of the same length in `around`."""
+    """Correlation coefficients between `part` and each stretch of the same length in `around`."""
     count = len(part)
     if len(around) < count or not np.isfinite(part).all() or np.ptp(part) == 0.0:
         return np.empty(0)
@@ -222,11 +216,9 @@ def _correlation(around: Array, part: Array) -> Array:
 
 
 def _refined(here: _Series, there: _Series, found: Alignment) -> Alignment:
-    """Line through the lags of short stretches, with a resolution finer than a sample.
-
-    A lag is assigned to the middle of its stretch, although the signal may change elsewhere in it. Repeated passes,
-    each with the drift of the previous pass removed, make this error small.
-    """
+    """Fit a line through the lags of short stretches, with a resolution finer than a sample."""
+    # A lag is assigned to the middle of its stretch, although the signal may change elsewhere in it.
+    # Repeated passes, each with the drift of the previous pass removed, make this error small.
     length_s = min(FINE_S, (there.stop_s - there.start_s) / 4.0)
     parts = [
         there.cut(start_s, start_s + length_s)
@@ -242,7 +234,7 @@ def _refined(here: _Series, there: _Series, found: Alignment) -> Alignment:
 
 
 def _lag(here: _Series, part: _Series, found: Alignment) -> tuple[float, float, float] | None:
-    """Middle of a stretch, its lag, and the standard deviation of the lag [s]; None if the lag can't be determined."""
+    """Middle of a stretch, its lag, and the lag's standard deviation [s]; None if the lag can't be determined."""
     time, values = found(part.time_s), part.values
     around = here.cut(time[0] - 1.0, time[-1] + 1.0)
     if len(around.values) < len(values) or not np.isfinite(values.sum() + around.values.sum()):
@@ -267,7 +259,7 @@ def _lag(here: _Series, part: _Series, found: Alignment) -> tuple[float, float, 
 
 
 def _line(time: Array, lag: Array, std: Array, there: _Series) -> Alignment:
-    """Weighted line through lags, without outliers."""
+    """Fit a weighted line through lags, without outliers."""
     kept = np.ones(len(time), dtype=np.bool_)
     centre = float(time.mean())
     basis = np.column_stack([np.ones(len(time)), time - centre])
@@ -287,7 +279,7 @@ def _line(time: Array, lag: Array, std: Array, there: _Series) -> Alignment:
 
 
 def _matched(here: Array, there: Array, found: Alignment) -> Alignment:
-    """Line through the time differences of pulses recorded by both loggers."""
+    """Fit a line through the time differences of pulses that both loggers recorded."""
     pitch = float(np.median(np.diff(here)))
     for _ in range(STEPS):
         place = np.clip(np.searchsorted(here, found(there)), 1, len(here) - 1)

@@ -1,4 +1,4 @@
-"""Calibration of recorded samples, treatment and record of their faults, and refusal of implausible units and signals."""
+"""Calibration of recorded samples, treatment of their faults, and rejection of implausible units and signals."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from shipfp_rs.support.units import FREQUENCIES, QUANTITIES, Calibration, told
 from shipfp_rs.vessel.vessel import Vessel
 
 CALIBRATED_WITHIN = 0.1
-"""Largest relative difference between the means of set point and speed with a correct calibration."""
+"""With a correct calibration, the means of set point and speed differ by at most this fraction."""
 CHECK = "; check unit and calibration"
 LEAST_TORQUE, MOST_TORQUE = 0.002, 2.0
 """Range of a plausible mean torque, relative to the rated torque."""
@@ -40,11 +40,7 @@ def require_size(
     samples: Array,
     calibration: Calibration | None = None,
 ) -> None:
-    """Reject an implausible mean of a channel; warn of an unusual one.
-
-    `key` is the channel's table in TRIAL.toml; samples are calibrated, shape (N,), those of a source of speed in rpm.
-    The calibration is rejected if only the factor of the unit gives a usual mean.
-    """
+    """Reject an implausible mean of a channel with the table `key` in TRIAL.toml, or warn of an unusual one."""
     known = QUANTITIES["speed" if isinstance(sensor, Tacho) else getattr(sensor, "quantity", "torque")]
     size = abs(float(np.nanmean(samples))) if np.isfinite(samples).any() else 0.0
     found = f"channels.{key}: {size:.4g} {known.unit} on average in {label}"
@@ -52,6 +48,7 @@ def require_size(
     if size == 0.0 or least <= size <= most:
         return
     factor = known.factors.get(told(sensor.unit), 0.0)
+    # The calibration is rejected if only the factor of the unit gives a usual mean.
     alone = 0.0 if calibration is None else factor * abs(float(np.nanmean(calibration.inverse(samples))))
     if least <= alone <= most:
         raise InputError(
@@ -74,7 +71,7 @@ def require_size(
 
 
 def require_columns(log: Log, channels: Channels) -> None:
-    """Reject a column that is not in the log; the error names its key."""
+    """Reject a table whose column is not in the log; the error names the table's key."""
     tables = {key: getattr(channels, key) for key in type(channels).model_fields}
     columns = {f"{key}.column": table.column for key, table in tables.items() if table is not None}
     for name, tacho in (channels.__pydantic_extra__ or {}).items():
@@ -90,10 +87,10 @@ def require_columns(log: Log, channels: Channels) -> None:
 
 
 def require_unit(log: Log, key: str, sensor: Level) -> None:
-    """Reject a calibration for another unit than the log's."""
+    """Reject a unit, and so a calibration, that differs from the log's."""
     channel, given = log.channel(sensor.column), told(sensor.unit)
     by_name = named(channel).unit
-    # The unit at the end of a channel's name is used only if the trial's unit is of the same quantity.
+    # The unit at the end of a channel's name counts only if the trial's unit is of the same quantity.
     same = any({by_name, given} <= known.factors.keys() for known in QUANTITIES.values())
     recorded = channel.unit or (by_name if same else "")
     if recorded and recorded != given:
@@ -109,10 +106,7 @@ def require_sense(
     vessel: Vessel,
     source: tuple[str, Tacho] | None = None,
 ) -> None:
-    """Reject signals without samples, and calibrations wrong by a factor such as 1000 between V and mV.
-
-    `source` is the name and the table of the source of speed.
-    """
+    """Reject fully masked signals and wrong calibrations; `source` is the name and table of the source of speed."""
     mean = {}
     for name, values in signals.items():
         if np.isnan(values).all():
@@ -128,7 +122,7 @@ def require_sense(
 
 
 def require_load(windows: Sequence[Mapping[str, Array]], vessel: Vessel) -> None:
-    """Reject a load that is far from the engine's rating in every window; it may be off in some windows."""
+    """Reject a load that is far from the rating in all windows; in some windows it may be switched off."""
     loads = [np.abs(one["M_load"]) for one in windows if "M_load" in one]
     if largest := max((float(np.nanmax(load)) for load in loads if np.isfinite(load).any()), default=0.0):
         _require_rating("load", "at most", largest, vessel)
@@ -137,7 +131,7 @@ def require_load(windows: Sequence[Mapping[str, Array]], vessel: Vessel) -> None
 def _require_rating(
     key: str, where: str, torque_Nm: float, vessel: Vessel, *, by_engine: bool = False
 ) -> None:
-    """Reject a torque far from the engine's rating, at the engine or at the shaft behind a gearbox."""
+    """Reject a torque far from the rating of the engine, or of the shaft behind a gearbox."""
     if not vessel.given("engine.rated_power_kW", "engine.rated_speed_rpm"):
         return
     rated = vessel.engine.rated_power_kW * 1e3 / (2.0 * math.pi * vessel.engine.rated_speed_rpm / 60.0)
@@ -151,7 +145,7 @@ def _require_rating(
 
 
 def _slip_of_speed(ratio: float, gear_ratio: float, source: tuple[str, Tacho] | None) -> str:
-    """Likely cause if the set point is `ratio` times the engine speed, where 1 is expected."""
+    """Text with the likely cause if the set point is `ratio` times the engine speed; 1 is correct."""
     name, kind = ("", "pulses") if source is None else (source[0], source[1].kind)
     count = (
         f"channels.{name}.pole_pairs" if source is not None and told(source[1].unit) in FREQUENCIES else ""
@@ -160,7 +154,7 @@ def _slip_of_speed(ratio: float, gear_ratio: float, source: tuple[str, Tacho] | 
         return f"; a machine of {times} times as many pairs of poles? check {count}"
     if hint := hints.likely_ratio(ratio, hints.SPEED_RPM):
         return f"{hint} check channels.set_point.calibration"
-    # An error in the number of pulses is a whole factor; a gear ratio may be near 1.
+    # A wrong number of pulses gives a whole factor; a gear ratio may be near 1.
     wrong = {"the propeller's shaft for the engine's, or the other way round? check shaft": gear_ratio}
     if kind in ("pulses", "edges"):
         wrong |= {f"a number of pulses wrong by {k}? check pulses_per_rev": float(k) for k in range(2, 9)}
@@ -176,11 +170,11 @@ def _slip_of_speed(ratio: float, gear_ratio: float, source: tuple[str, Tacho] | 
 
 
 OF_A_LEVEL = {"stuck": "stuck_s", "dropout": "dropout_s", "clipped": "clipped_samples"}
-"""Faults that are also normal states of a load, and their keys in [processing.faults]."""
+"""Faults that may be normal states of a load, with their keys in [processing.faults]."""
 
 
 def spike_rule(sensor: Level | None, processing: Processing) -> tuple[str, Spikes]:
-    """Fault kind and spike limits of a channel; `sensor` is None for a channel without a role."""
+    """Kind of fault and limits of a channel's spikes; `sensor` is None for a channel without a role."""
     if isinstance(sensor, SetPoint | Command):
         return "D1", processing.set_point_jumps
     return "C" if isinstance(sensor, Torque) else "spike", processing.torque_spikes
@@ -188,7 +182,7 @@ def spike_rule(sensor: Level | None, processing: Processing) -> tuple[str, Spike
 
 @dataclass(frozen=True)
 class Cleaned:
-    """Calibrated channel on the grid of a stretch, its faults and its calibration."""
+    """Calibrated channel on the grid of a stretch, with its faults and calibration."""
 
     samples: Array
     faults: list[Fault]
@@ -196,7 +190,7 @@ class Cleaned:
 
 
 class Cleaner:
-    """Calibrated samples of a channel in a stretch: inputs of the model are bridged, torque and rack masked where faulty."""
+    """Reader of a channel's calibrated samples in a stretch; faults are bridged in the model's inputs, else masked."""
 
     def __init__(
         self,
@@ -223,7 +217,7 @@ class Cleaner:
         self._spike, self.spikes = spike_rule(sensor, processing)
         self.first, self.last = first, last
         self.mains_hz = settings.mains_hz
-        # Faults are searched also in the samples beside the stretch that the low-pass uses.
+        # Faults are also searched in samples beside the stretch, which the low-pass uses.
         reach = round(MARGIN_S * self.channel.rate_hz)
         begin, end = max(first - reach, 0), min(last + reach, self.channel.samples)
         found = scan(
@@ -262,7 +256,7 @@ class Cleaner:
         samples = self.calibration(self.rows.read(first, stop))
         missing = ~np.isfinite(samples) | marks(self._lost, first, stop)
         if marks(self._hum, first, stop).any():
-            # Spikes are bridged first, since each would affect samples within the filter's length.
+            # Spikes are bridged first, since each one would affect all samples within the filter's length.
             filled = bridge(samples, missing | self._spiky(samples, missing)[0])
             samples = samples - hum_in(filled, first, self._hum, self.channel.rate_hz, self.mains_hz)
         spiky, found = self._spiky(samples, missing)
@@ -271,7 +265,7 @@ class Cleaner:
         return bridge(samples, lost) if self.drives else np.where(lost, np.nan, samples)
 
     def faults(self) -> list[Fault]:
-        """Faults of the stretch; the list is complete after all samples of the stretch were read."""
+        """Faults of the stretch; complete only after all its samples were read."""
         method = Sentence("bridged by straight lines") if self.drives else Sentence("masked")
         name = self.channel.name
         found = [Fault(self._spike, name, method, self._within(joined(self._spikes)))]
@@ -294,7 +288,7 @@ class Cleaner:
         return clipped_to(spans, self.first, self.last)
 
     def _require_short(self, longest_s: float) -> None:
-        """Raise `InputError` for an input of the model that is missing for too long to be bridged."""
+        """Raise `InputError` if an input of the model is missing for too long to be bridged."""
         for kind, found in self._found.items():
             spans = self._within(found)
             long = spans[spans[:, 1] - spans[:, 0] > longest_s * self.channel.rate_hz]
@@ -322,7 +316,7 @@ class Cleaner:
         return spiky, found
 
     def _judged(self, spans: Spans, first: int, size: int) -> Mask:
-        """Whether spans are far enough from a piece's ends to be judged; others are judged in the overlapping next piece."""
+        """Whether spans are far enough from a piece's ends to count; others are found again in the overlapping piece."""
         border = round(0.5 * MARGIN_S * self.channel.rate_hz)
         low = 0 if first == 0 else border
         high = size if first + size == self.channel.samples else size - border

@@ -28,15 +28,15 @@ from shipfp_rs.support.derivatives import taps
 from shipfp_rs.support.spikes import bridge
 
 FINER = 8
-"""Steps per sample in which the angle is computed."""
+"""Number of steps per sample in which the angle is computed."""
 SLOWEST_HZ = 1.0
-"""Lowest mean frequency of a removed line; slower motion may be due to the set point."""
+"""Lowest mean frequency of a removed line [Hz]; slower motion may be due to the set point."""
 BESIDE_HZ = 1.0
-"""Bandwidth on either side of a line in which the noise is estimated, after shifting the line to zero frequency."""
+"""Bandwidth on either side of a line in which its noise is estimated [Hz]."""
 NEAR = 3
-"""Frequency bins on either side of a line that do not count as noise, since the line's amplitude may vary slowly."""
+"""Number of frequency bins on either side of a line that are not noise, since the line's amplitude may vary slowly."""
 LINE = 30.0
-"""Least ratio of a line's power to that of the noise beside it; noise alone exceeds this ratio with probability 1e-13."""
+"""Least ratio of a line's power to the noise beside it; noise alone exceeds this ratio with probability 1e-13."""
 SLOW_S = 0.2
 """Length of the running mean of the torque [s]; the amplitude of a line may vary with this mean."""
 LEVEL_S = 1.0
@@ -44,13 +44,13 @@ LEVEL_S = 1.0
 ROUNDED = 2e-4
 """Largest relative error of an order: gear ratios are given with four digits."""
 FINER_LINES = 4
-"""Search frequencies per bin of the record's spectrum."""
+"""Number of search frequencies per bin of the record's spectrum."""
 SHORTEST_S = 20.0
-"""Shortest record in which lines can be separated from the response to the set point."""
+"""Shortest record in which lines can be separated from the response to the set point [s]."""
 TURNS = 24
 """Highest searched multiple of the rotation of engine and shaft, which includes two blade harmonics of any propeller."""
 MOST = 12
-"""Most lines that are removed."""
+"""Largest number of lines that are removed."""
 
 
 class Ripple(NamedTuple):
@@ -63,16 +63,7 @@ class Ripple(NamedTuple):
 
 
 def without_ripple(torque: Array, speed: Array, rate_hz: float, ratio: float) -> tuple[Array, list[Ripple]]:
-    """Remove ripple lines from the torque; also return the lines, strongest first.
-
-    Cosine and sine amplitude of a line each have a constant part and a part proportional to the mean torque: four
-    coefficients per line, fitted by least squares. No part is proportional to the speed: in a step test, such a part
-    would also fit the torque's response, since speed and torque differ only while the shaft accelerates.
-
-    The torque is low-passed, shape (N,), in any unit; the speed is the engine's [rpm], shape (N,); both are NaN where
-    masked. `ratio` is the turns of the engine per turn of the propeller's shaft. A torque without ripple is returned
-    unchanged.
-    """
+    """Remove ripple lines from a low-passed torque (NaN: masked) by the engine speed [rpm]; also return the lines."""
     valid = np.isfinite(torque)
     if valid.sum() < SHORTEST_S * rate_hz or not np.isfinite(speed).any():
         return torque, []
@@ -80,6 +71,9 @@ def without_ripple(torque: Array, speed: Array, rate_hz: float, ratio: float) ->
     filled = bridge(torque, ~valid)
     beyond = _beyond(filled, rate_hz)
     slow = _running_mean(filled, SLOW_S * rate_hz)
+    # Cosine and sine amplitude of a line each have a constant part and a part proportional to the mean torque.
+    # No part is proportional to the speed, since it would also fit the torque's response to a step.
+    # In a step test, speed and torque differ only while the shaft accelerates.
     shapes = [np.ones(len(torque)), (slow - slow.mean()) / max(float(np.std(slow)), 1e-300)]
     angle = _angle(turns_hz, rate_hz)
     turning = {order: _turning(order, angle) for order in _orders(float(turns_hz.mean()), rate_hz, ratio)}
@@ -108,7 +102,7 @@ def without_ripple(torque: Array, speed: Array, rate_hz: float, ratio: float) ->
 
 
 def _orders(mean_hz: float, rate_hz: float, ratio: float) -> list[float]:
-    """Multiples of the engine's rotation within the record's band: half orders of the engine, whole ones of the shaft."""
+    """Multiples of the engine's rotation in the record's band: half orders of the engine, whole ones of the shaft."""
     if mean_hz < SLOWEST_HZ:
         return []
     engine, shaft = 0.5 * np.arange(1, 2 * TURNS + 1), np.arange(1, TURNS + 1) / ratio
@@ -119,7 +113,7 @@ def _orders(mean_hz: float, rate_hz: float, ratio: float) -> list[float]:
 
 
 def _angle(turns_hz: Array, rate_hz: float) -> Array:
-    """Angle of the engine at every fine step [rad], shape (FINER N,)."""
+    """Angle of the engine at each fine step [rad], shape (FINER N,)."""
     level = turns_hz[0]
     fine = level + resample_poly(turns_hz - level, FINER, 1, padtype="line")
     turns = np.append(0.0, np.cumsum(0.5 * (fine[1:] + fine[:-1]))) / (FINER * rate_hz)
@@ -127,7 +121,7 @@ def _angle(turns_hz: Array, rate_hz: float) -> Array:
 
 
 def _turning(order: float, angle: Array) -> ComplexArray:
-    """Low-passed exp(i order angle), shape (N,)."""
+    """Low-passed exp(i order angle) at the samples, shape (N,)."""
     turned, kernel = order * angle, taps(1.0 / FINER, 0.0)
     real, imaginary = (
         resample_poly(part, 1, FINER, window=kernel) for part in (np.cos(turned), np.sin(turned))
@@ -138,7 +132,7 @@ def _turning(order: float, angle: Array) -> ComplexArray:
 def _line(
     rest: Array, turned: ComplexArray, valid: Mask, order: float, turns_hz: Array, rate_hz: float
 ) -> Ripple:
-    """Strongest line near an order in the remaining torque, with its ratio of power to noise."""
+    """Strongest line near an order in the remaining torque, with the ratio of its power to the noise."""
     mean = float(turns_hz.mean())
     weight = float(np.sum(np.abs(turned[valid]) ** 2))
     if weight < NEAR * rate_hz:
@@ -153,7 +147,7 @@ def _line(
     offsets = np.arange(-reach, reach + 1)
     best = int(offsets[np.argmax(spectrum[offsets])])
     power = float(spectrum[best])
-    # The order is refined to the maximum of the parabola through the strongest spectral line and both neighbours.
+    # The order is refined by the maximum of a parabola through the strongest spectral line and its two neighbours.
     before, after = float(spectrum[best - 1]), float(spectrum[best + 1])
     lean = 0.5 * (after - before) / max(2.0 * power - before - after, 1e-300)
     placed = order + (best + float(np.clip(lean, -0.5, 0.5))) * step / mean
@@ -172,7 +166,7 @@ def _running_mean(signal: Array, samples: float) -> Array:
 
 @dataclass(frozen=True)
 class Grid:
-    """Sample times of the signals in a stretch."""
+    """Grid of sample times in a stretch, which all signals share."""
 
     label: str
     start_s: float
@@ -181,7 +175,7 @@ class Grid:
 
     @property
     def stop_s(self) -> float:
-        """End of the stretch [s], one sample interval after the last."""
+        """End of the stretch [s], one interval after the last sample."""
         return self.start_s + self.count / self.rate_hz
 
     def low_passed(self, channel: Channel, source: Source) -> Array:
@@ -199,13 +193,13 @@ def block_means(log: Log, name: str, block: int) -> Array:
 def mean_pieces(
     log: Log, name: str, block: int, start_s: float | None = None, stop_s: float | None = None
 ) -> Iterator[Array]:
-    """Yield the block means of a stretch in pieces; samples after the last whole block are ignored."""
+    """Yield the means of whole blocks of a stretch, in pieces."""
     for rows in whole_blocks(log.chunks(name, start_s=start_s, stop_s=stop_s), block):
         yield rows.mean(axis=1)
 
 
 def whole_blocks(pieces: Iterable[Samples], block: int) -> Iterator[Array]:
-    """Yield the samples of pieces in whole blocks, shape (K, block)."""
+    """Regroup the samples of pieces into whole blocks; yield them in arrays of shape (K, block)."""
     held = np.empty(0)
     for piece in pieces:
         held = np.concatenate([held, np.asarray(piece, dtype=np.float64)])
@@ -217,42 +211,38 @@ def whole_blocks(pieces: Iterable[Samples], block: int) -> Iterator[Array]:
 Source = Callable[[int, int], Array]
 """Function (first, stop) that returns samples [first, stop) of a channel, NaN where masked."""
 MARGIN_S = 1.0
-"""Time read before and after each piece [s]; running medians need it at the piece's ends."""
+"""Margin read before and after each piece [s], which running medians need at the piece's ends."""
 PIECE = 1 << 17
-"""Samples cleaned at once, since a window may be larger than the memory."""
+"""Number of samples cleaned at once, since a window may be larger than the memory."""
 MASKED_SHARE = 0.05
-"""Largest fraction of the filter's weight on masked samples; above it, the output is masked."""
+"""An output is masked if more than this fraction of the filter's weight is on masked samples."""
 ALIGNED = 1e-6
 """Largest difference between two clocks due to rounding, in samples."""
 SAME_CLOCK, SAME_RATE = 1e-6, 1e-3
-"""Largest relative difference of two rates: of one clock, due to rounding; of two clocks with one nominal rate."""
+"""Largest relative difference between two rates of one clock, due to rounding, and of two clocks with the same nominal
+rate.
+"""
 REACH = 16
-"""Samples on either side that contribute to an interpolated value."""
+"""Number of samples on either side that contribute to an interpolated value."""
 KAISER = 8.0
-"""Parameter of the interpolation's Kaiser window: the error is at most 1e-3 up to two fifths of the sample rate."""
+"""Shape parameter of the interpolation's Kaiser window; the error is at most 1e-3 up to two fifths of the sample rate."""
 
 
 def nearest_rate(channel: Channel, wanted_hz: float) -> float:
-    """Rate [Hz] nearest to `wanted_hz` that is a simple fraction of a channel's rate.
-
-    The signals then keep the channel's clock, without resampling to a clock that differs by a few ppm.
-    """
+    """Rate [Hz] nearest to `wanted_hz` that is a simple fraction of a channel's rate."""
     if wanted_hz > channel.rate_hz * (1.0 + 1e-3):
         raise InputError(
             f"processing.rate_hz is {wanted_hz:g}, expected no more than the {channel.rate_hz:g} Hz of channel "
             f"{channel.name!r}"
         )
+    # At such a rate, the signals keep the channel's clock; no resampling to a clock that differs by a few ppm is needed.
     share = wanted_hz / channel.rate_hz
     return channel.rate_hz * float(Fraction(share).limit_denominator(max(100, round(1.0 / share))))
 
 
 def on_a_simple_rate(channel: Channel, source: Source, rate_hz: float) -> tuple[Channel, Source]:
-    """Return a channel and samples at a rate with a simple ratio to the common rate.
-
-    The nodes of a bus have separate clocks, which differ by a few to some hundred ppm: a channel on another clock is
-    resampled by a windowed sinc. Channels whose rate is exactly in a simple ratio, or far from one, are returned
-    unchanged.
-    """
+    """Resample a channel whose rate is nearly in a simple ratio to the common rate; return others unchanged."""
+    # The nodes of a bus have separate clocks, which differ by a few to some hundred ppm.
     share = rate_hz / channel.rate_hz
     nearest = Fraction(share).limit_denominator(max(500, round(1.0 / share)))
     if math.isclose(nearest, share, rel_tol=SAME_CLOCK) or not math.isclose(
@@ -266,7 +256,7 @@ def on_a_simple_rate(channel: Channel, source: Source, rate_hz: float) -> tuple[
 
 
 def _between(source: Source, samples: int, step: float, first: int, stop: int) -> Array:
-    """Interpolated samples [first, stop), `step` samples of the source apart; NaN beside masked samples."""
+    """Samples [first, stop) interpolated by a windowed sinc, each `step` source samples apart; NaN beside masked samples."""
     at = np.arange(first, stop) * step
     low = max(int(at[0]) - REACH, 0)
     values = source(low, min(int(at[-1]) + REACH + 2, samples))
@@ -283,10 +273,7 @@ def _between(source: Source, samples: int, step: float, first: int, stop: int) -
 
 
 class LowPass:
-    """Zero-phase FIR low-pass and resampling to the common rate, in pieces, with masked samples.
-
-    `start` is the time of the first output sample, in samples of the channel and not necessarily a whole number.
-    """
+    """Zero-phase FIR low-pass with resampling to the common rate; `start` is the first output's time [channel samples]."""
 
     def __init__(self, channel: Channel, rate_hz: float, start: float) -> None:
         ratio = Fraction(rate_hz / channel.rate_hz).limit_denominator(4096)
@@ -301,12 +288,12 @@ class LowPass:
         inner_rate = channel.rate_hz * self.up
         shift = start - self.start
         self.taps = taps(rate_hz / inner_rate, shift * self.up if abs(shift) > ALIGNED else 0.0)
-        # Masked runs longer than the filter are not bridged: no output depends on samples on both sides.
+        # Longer masked runs are not bridged, so no output depends on samples on both sides of one.
         self.longest_bridge = math.ceil(len(self.taps) / self.up) + 1
         self.margin = max(round(MARGIN_S * channel.rate_hz), self.longest_bridge + 1)
 
     def __call__(self, source: Source, count: int) -> Array:
-        """Compute `count` outputs; NaN after the channel's end, and where too many samples under the filter are masked."""
+        """Compute `count` outputs; NaN after the channel's end, and where too many samples in the filter are masked."""
         result = np.full(count, np.nan)
         total = min(count, math.ceil((self.samples - self.start) * self.up / self.down))
         each = max(PIECE * self.up // self.down, 1)
@@ -316,7 +303,7 @@ class LowPass:
         return result
 
     def _outputs(self, source: Source, begin: int, end: int) -> Array:
-        """Outputs [begin, end); the channel is extended by its first and last samples."""
+        """Compute outputs [begin, end); the channel is extended by its first and last samples."""
         half = len(self.taps) // 2
         first = self.start + (begin * self.down - half) // self.up
         stop = self.start + ((end - 1) * self.down + half) // self.up + 1
@@ -341,12 +328,10 @@ class LowPass:
         return outputs
 
     def _bridged(self, samples: Array, missing: Mask) -> Array:
-        """Bridge short runs of masked samples by straight lines; long runs are filled with the nearest values.
-
-        Samples outside the margin have no effect, so the result does not depend on the division into pieces.
-        """
+        """Bridge short runs of masked samples by straight lines; fill long runs with the nearest values."""
         if not missing.any():
             return samples
+        # Samples outside the margin have no effect, so the result does not depend on the division into pieces.
         bridged = samples.copy()
         for start, stop in runs(missing).tolist():
             before = samples[start - 1] if start > 0 else np.nan
@@ -367,18 +352,14 @@ class LowPass:
 MOST_DEGREE = 3
 """Highest degree of a trend; a higher polynomial would follow the slow sines of a trial."""
 LEAST_LOADED = 0.5
-"""Least ratio of the operating point's torque to the torque's range, with a measured load or in open loop."""
+"""Least ratio of the operating point's torque to the range of the torque, with a measured load or in open loop."""
 TORQUES = ("M_b", "M_s", "M_g")
 LEAST_OWN = 0.2
-"""Least fraction of the set point's power that is not a polynomial trend."""
+"""A set point is a trend if less than this fraction of its power remains after a polynomial is subtracted."""
 
 
 def about_local_point(experiment: Experiment) -> Experiment:
-    """Return the experiment relative to the means of its own signals, not the trial's operating point.
-
-    The offset of the torque differs between experiments (1651 to 1721 Nm in appendix E); deviations from one point for
-    all of them would include it. The mean is the operating point over whole periods of an oscillation, but not over
-    steps or part of a period.
+    """Make an experiment relative to the means of its own signals, instead of the trial's operating point.
 
     Examples
     --------
@@ -388,6 +369,8 @@ def about_local_point(experiment: Experiment) -> Experiment:
     >>> bool(abs(local.normalised("n_e").mean()) < 1e-12)
     True
     """
+    # The offset of the torque differs between experiments (1651 to 1721 Nm in appendix E), so each has a point of its own.
+    # The mean is the operating point only over whole periods of an oscillation.
     means = {
         name: float(np.nanmean(experiment.signals[name]))
         for name in experiment.operating_point
@@ -402,12 +385,9 @@ def driven_point(
     torque_Nm: float | None,
     to_shaft: float = 1.0,
 ) -> dict[str, float]:
-    """Operating point; the means of the windows if its torque is near zero and there is a load or command.
-
-    Torques are normalised by the torque of the operating point. For an idling engine, torques normalised in this way
-    are very large, so the mean under load is the better point. Quantities missing from `point` are also set to their
-    means. If `torque_Nm` is given, its difference from the mean torque, times `to_shaft`, is added to the load's mean.
-    """
+    """Operating point, or the windows' means if its torque is near zero and there is a load or command."""
+    # Torques normalised by the point of an idling engine would be very large; the mean under load is then the better point.
+    # Quantities missing from `point` are means; the load's mean is corrected by `torque_Nm`.
     every = {name: np.concatenate([signals[name] for signals in windows]) for name in windows[0]}
     means = {name: float(np.nanmean(values)) for name, values in every.items()}
     known = {**means, **point}
@@ -421,10 +401,7 @@ def driven_point(
 
 
 def conditioned(experiment: Experiment, detrend: int, normalise: Literal["global", "local"]) -> Experiment:
-    """Remove drift of degree `detrend` from an experiment, unless the set point itself is such a polynomial of time.
-
-    With `normalise` "local", the result is relative to the experiment's means.
-    """
+    """Remove drift of degree `detrend` unless the set point itself is such a trend; "local" normalises by own means."""
     if detrend:
         degree = 0 if set_point_is_trend(experiment, detrend) else detrend
         experiment = detrended(experiment, degree) if degree else experiment
@@ -435,21 +412,22 @@ def conditioned(experiment: Experiment, detrend: int, normalise: Literal["global
 def detrended(experiment: Experiment, degree: int = 1) -> Experiment:
     """Remove slow drift from the outputs of an experiment; its inputs stay unchanged.
 
-    A polynomial of time is fitted to every output, together with the set point and its slope, which represent the plant's
-    response. The polynomial without its mean is subtracted, so the operating point is unchanged. This removes, for example,
-    the temperature drift of a gauge.
+    A polynomial of time is fitted to each output, together with the set point and its slope, which represent the
+    plant's response. The polynomial is subtracted without its mean, so the operating point is unchanged. This removes,
+    for example, the temperature drift of a strain gauge.
 
     Parameters
     ----------
     experiment
-        Signals with NaN where masked; the result has NaN there, too.
+        Experiment whose masked samples are NaN; they remain NaN.
     degree
         Degree of the polynomial, 1 to 3.
 
     Raises
     ------
     InputError
-        For another degree, or if the set point is such a polynomial, since the response to it looks like drift.
+        If the degree is out of range, or the set point is close to such a polynomial, since the response to it looks
+        like drift.
     """
     if not 1 <= degree <= MOST_DEGREE:
         raise InputError(f"degree: found {degree}, expected 1 to {MOST_DEGREE}")

@@ -1,4 +1,4 @@
-"""Engine speed of a stretch: from its best pulse train, or fused from all of them."""
+"""Engine speed in a stretch, from the best pulse train or fused from all trains."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ from shipfp_rs.tacho.fusion import fused_angle
 TRAINS_AGREE = 0.02
 """Largest relative difference in speed between pulse trains of one shaft line."""
 LEAST_INTERVALS = 8
-"""Fewest intervals of a train that is compared with the others."""
+"""Least number of intervals for a train to be compared with the others."""
 
 
 @dataclass(frozen=True)
 class _Level:
-    """Recorded speed compared with a speed counted from pulses: scale, standard deviation and scatter."""
+    """Comparison of a recorded speed with a speed counted from pulses: scale, standard deviation and scatter."""
 
     train: SpeedLevel
     speed: IntervalSpeed
@@ -38,12 +38,7 @@ class _Level:
     def beside(
         cls, train: SpeedLevel, speed: IntervalSpeed, grid: Array, rpm: Array, std_rpm: float, rate_hz: float
     ) -> _Level | None:
-        """Compare with a counted speed [rpm] on a grid of `rate_hz`; None without common times.
-
-        The counted speed determines the scale, since a converter's gain is known only to about one per cent. If the
-        difference scatters more than both standard deviations explain, that of the recorded speed is increased: a slow
-        converter has little weight.
-        """
+        """Compare a recorded speed with a counted one [rpm] on a grid of `rate_hz`; None if they have no common times."""
         if len(speed.time_s) < LEAST_INTERVALS:
             return None
         own, _ = resample(speed, rate_hz, float(grid[0]), float(grid[-1]) + 1.0 / rate_hz)
@@ -51,9 +46,11 @@ class _Level:
         known = np.isfinite(own) & np.isfinite(rpm)
         if known.sum() < LEAST_INTERVALS:
             return None
+        # The counted speed determines the scale, since a converter's gain is known only to about one per cent.
         ratio = float(np.median(own[known] / rpm[known]))
         white = float(np.median(speed.std_rps)) * train.rpm_per_rps
         apart = float(np.std(own[known] / ratio - rpm[known]))
+        # Excess scatter increases the recorded speed's standard deviation, so a slow converter has little weight.
         scatter = apart / float(np.hypot(white, std_rpm))
         return cls(train, speed, ratio, max(white, white * scatter), scatter)
 
@@ -63,7 +60,7 @@ def _told(ratio: float, ratio_std: float, scatter: float, *, agrees: bool) -> di
 
 
 def _beside(counted: Source, levels: Sequence[_Level], std_rpm: float, base: Channel) -> Source:
-    """Mean of a counted speed and of recorded ones, weighted by inverse variance."""
+    """Mean of a counted speed and recorded speeds, weighted by inverse variance."""
 
     def sampled(first: int, stop: int) -> Array:
         told, weight = counted(first, stop), 1.0 / std_rpm**2
@@ -83,7 +80,7 @@ def _beside(counted: Source, levels: Sequence[_Level], std_rpm: float, base: Cha
 
 
 class EngineSpeed:
-    """Interval speeds of all trains in a stretch, and the resulting engine speed; `InputError` if the trains differ."""
+    """Speeds of all trains in a stretch, and the engine speed found from them; `InputError` if the trains differ."""
 
     def __init__(
         self,
@@ -121,7 +118,7 @@ class EngineSpeed:
                 )
 
     def _typical_rpm(self, train: PulseTrain) -> float:
-        """Median engine speed from a train [rpm]: the best train's median times the ratio of both speeds at common times."""
+        """Median engine speed by a train [rpm]: that of the best train times the ratio of both speeds at common times."""
         own, best = self.speeds[train.name], self.speeds[self.train.name]
         typical = best.typical_rps() * self.train.rpm_per_rps
         ratio = (
@@ -132,7 +129,7 @@ class EngineSpeed:
         return typical * ratio if np.isfinite(ratio) else own.typical_rps() * train.rpm_per_rps
 
     def best(self) -> tuple[Source, dict[str, Any]]:
-        """Engine speed [rpm] from the train with the most good intervals, and a record of how it was determined."""
+        """Engine speed [rpm] from the train with the most good intervals, and a record of its origin."""
         train, speed, base = self.train, self.speeds[self.train.name], self.base
 
         def sampled(first: int, stop: int) -> Array:
@@ -144,11 +141,7 @@ class EngineSpeed:
         return sampled, self._account(speed.bandwidth_hz)
 
     def fused(self) -> tuple[Source, dict[str, Any]]:
-        """Engine speed [rpm] fused from all trains, and a record of how it was determined, with its standard deviation.
-
-        The fused speed is that of the shaft with the best train. The ratio to the other shaft is estimated, since gear
-        ratios are usually known to only a few digits.
-        """
+        """Engine speed [rpm] fused from all trains, and a record of its origin with the standard deviation."""
         own, base = self.train, self.base
         useful = [
             train
@@ -159,6 +152,7 @@ class EngineSpeed:
             source, account = self.best()
             level_std = float(np.median(self.speeds[own.name].std_rps))
             return source, {**account, "std_rpm": level_std * own.rpm_per_rps}
+        # The fused speed is that of the best train's shaft. The gear ratio is estimated, since it is known to a few digits.
         try:
             fit, bandwidth_hz = fused_angle(
                 [
@@ -177,8 +171,7 @@ class EngineSpeed:
         def sampled(first: int, stop: int) -> Array:
             time = base.start_s + np.arange(first, stop) / base.rate_hz
             rps = fit.fit.speed(time)
-            # The standard deviation is large where the spline only bridges a gap. Computing the standard deviation
-            # takes longer than computing the speed.
+            # The standard deviation is large where the spline only bridges a gap; it takes longer to compute than the speed.
             lost = np.isnan(fit.at(time[::every])[0])
             rps[np.repeat(lost, every)[: len(time)]] = np.nan
             return rps * own.rpm_per_rps
@@ -236,13 +229,11 @@ class EngineSpeed:
         }
 
     def _resolution_rpm(self, bandwidth_hz: float) -> float | None:
-        """Error of the speed [rpm] below the low-pass due to the sampling of edges; None without sampled pulses.
-
-        Errors of the angle at the edges are white, so the power of their derivative grows with the square of the
-        frequency, up to the passband or half the number of intervals per second.
-        """
+        """Error of the speed [rpm] below the low-pass due to the sampling of edges; None if there are no sampled pulses."""
         if self.train.tacho.kind != "pulses" or not bandwidth_hz > 0.0:
             return None
+        # Errors of the angle at the edges are white, so the power of their derivative grows with the frequency squared.
+        # It ends at the passband, or at half the number of intervals per second.
         shown = min(1.0, 0.5 * (PASSBAND + STOPBAND) * self.rate_hz / bandwidth_hz) / 2.0
         interval_rpm = float(np.median(self.speeds[self.train.name].std_rps)) * self.train.rpm_per_rps
         return float(2.0 * np.pi / np.sqrt(3.0) * shown**1.5 * interval_rpm)

@@ -58,7 +58,7 @@ from shipfp_rs.vessel.vessel import Vessel
 Cut = tuple[dict[str, Array], dict[str, Any]]
 STEADY_STRETCH = "operating_point.steady_s"
 STEADY = 0.02
-"""Relative standard deviation of the set point above which a stretch is not steady."""
+"""Relative standard deviation above which a set point is not steady."""
 
 
 @checked
@@ -71,23 +71,23 @@ def process(
 ) -> list[Experiment]:
     """Convert the windows of a log to experiments.
 
-    The set point is calibrated, and short jumps of the signal generator's relay are bridged. The torque is calibrated, and
-    short spikes of radio interference are masked. Pulse trains become speed; the angles of the reflectors are estimated
-    from the log, and double or lost pulses are repaired. Of several trains, the one with the most good intervals per
-    second is used (one per turn for reflectors of unknown angles), and the other trains must agree with it; with
-    `processing.speed = "fused"`, all trains are fused. All channels then pass the same low-pass and are sampled at
-    `processing.rate_hz`.
+    The set point is calibrated, and short jumps caused by the signal generator's relay are bridged. The torque is
+    calibrated, and short spikes caused by radio interference are masked. Pulse trains become speed; the angles of the
+    reflectors are estimated from the log, and double or lost pulses are repaired. Of several trains, the one with the
+    most good intervals is used (only one per turn counts if the reflectors' angles are unknown), and the others must
+    agree with it. With `processing.speed = "fused"`, all trains are fused. All channels then pass the same low-pass
+    and are sampled at `processing.rate_hz`.
 
     Parameters
     ----------
     log
-        The recording. If only a trial is given, or the path of its TRIAL.toml, its logs are opened.
+        Log to convert. A trial, or the path of its TRIAL.toml, stands for all logs of the trial.
     trial
-        Channels, windows, operating point and settings; windows of other logs are ignored.
+        Trial with channels, windows, operating point and settings; windows of other logs are ignored.
     vessel
-        The ship; None: the one named in the trial.
+        Vessel; by default the one named in the trial.
     chunk
-        Samples of a channel read at once; results are bitwise independent of it.
+        Number of samples of a channel read at once; results are bitwise independent of it.
 
     Returns
     -------
@@ -137,7 +137,7 @@ def process(
         cut = [recording.signals(_label(window)) for window in windows]
     shaft = recording.vessel.torque_ratio if "M_b" in point else 1.0
     if trial.channels.load is not None and trial.channels.load.quantity == "other":
-        shaft = 0.0  # a load that is no torque does not follow from the torque
+        shaft = 0.0  # a load other than torque or power can't be calculated from the torque
     else:
         require_load([signals for signals, _ in cut], recording.vessel)
     point = driven_point(point, [signals for signals, _ in cut], trial.operating_point.M_Nm, shaft)
@@ -147,7 +147,7 @@ def process(
 
 
 def _no_slower(log: Log, trial: Trial) -> Log:
-    """Log with a set point and load that are polled more slowly than torque and speed at the rate of these."""
+    """Log with set point and load, if they were polled slowly, resampled at the rate of torque and speed."""
     channels, least_hz = trial.channels, (1.0 - SAME_RATE) * trial.processing.rate_hz
     answers = [one for one in (channels.torque, *channels.recorded_speeds) if one is not None]
     rate_hz = max((log.channel(one.column).rate_hz for one in answers), default=trial.processing.rate_hz)
@@ -168,7 +168,7 @@ def _no_slower(log: Log, trial: Trial) -> Log:
 
 
 class _Recording:
-    """Log with its trial's settings. Channels are read once and in parallel; only a stretch of the torque is read twice."""
+    """Log with its trial's settings; channels are read once and in parallel, only a stretch of the torque twice."""
 
     def __init__(self, log: Log, trial: Trial, vessel: Vessel, chunk: int | None) -> None:
         log = trial.completed(log)
@@ -197,7 +197,7 @@ class _Recording:
         self._read()
 
     def _shows_stairs(self) -> bool:
-        """Whether speed or torque, recorded at the rate of a held set point, shows the set point's stairs."""
+        """Whether a speed or torque recorded at the rate of a held set point shows the set point's stairs."""
         driver, channels = self.trial.channels.driver, self.trial.channels
         answers = channels.recorded_speeds if channels.torque is None else [channels.torque]
         rates = [self.log.channel(one.column).rate_hz for one in answers]
@@ -207,7 +207,7 @@ class _Recording:
         )
 
     def _rows(self, sensor: Level | Tacho, kept_bytes: int = 0) -> Rows:
-        # A held set point acts half a sample late on average; if its stairs are visible, the model includes this.
+        # A held set point acts half a sample late on average; if its stairs are visible, the model includes this delay.
         late = getattr(sensor, "late", 0.0) if self.hold == "first" else 0.0
         return Rows(
             self.log,
@@ -232,7 +232,7 @@ class _Recording:
         return Grid(label, base.start_s + first / base.rate_hz, self.rate_hz, count)
 
     def _require_one_stretch(self, label: str, first: int, last: int) -> None:
-        """Reject a window across a jump of the clock, whose length is unknown."""
+        """Reject a window that includes a jump of the clock, since the length of the jump is unknown."""
         start_s, stop_s = self._base.channel.start_s + np.array([first, last]) / self._base.channel.rate_hz
         for fault in (one for one in self.log.faults if one.kind == "time_jump"):
             channel = self.log.counted(fault) or self._base.channel
@@ -253,7 +253,7 @@ class _Recording:
 
     @contextmanager
     def naming_the_rate(self) -> Iterator[None]:
-        """Add the trial's sample rate to errors raised in the block, since a wrong rate changes all times and speeds."""
+        """Add the trial's sample rate to errors raised in the block: a wrong rate would change all times and speeds."""
         try:
             yield
         except InputError as error:
@@ -262,7 +262,7 @@ class _Recording:
             raise InputError(f"{error}{told}") from error
 
     def _read(self) -> None:
-        """Read, clean and resample every channel, then find the speed in every stretch."""
+        """Read, clean and resample every channel, then calculate the speed in every stretch."""
         channels = self.trial.channels
         levels = [partial(self._cleaned, s) for s in (channels.driver, *channels.levels.values())]
         steps = len(self.grids) * (len(levels) + 1) + len(channels.tachos)
@@ -303,7 +303,7 @@ class _Recording:
         return found
 
     def operating_point(self) -> dict[str, float]:
-        """Given values, or means over the steady stretch."""
+        """Operating point as given in the trial, else means over the steady stretch."""
         given = self.trial.operating_point
         point: dict[str, float] = {}
         if given.steady_s is not None:
@@ -322,13 +322,13 @@ class _Recording:
             point |= dict.fromkeys({"n_e", self.trial.channels.driver_signal} - {"command"}, given.n_e_rpm)
         for signal, sensor in self.trial.channels.levels.items():
             if isinstance(sensor, Load):
-                continue  # without a steady stretch, the load follows from the torque
+                continue  # without a steady stretch, the load is calculated from the torque
             value = given.X_mm if isinstance(sensor, Rack) else given.M_Nm
             point |= {} if value is None else {signal: value}
         return point
 
     def experiment(self, window: Window, cut: Cut, point: Mapping[str, float]) -> Experiment:
-        """Experiment of a window, with signals and provenance."""
+        """Make the experiment of a window, with signals and provenance."""
         (signals, account), settings = cut, self.trial.processing
         if (
             window.kind == "chirp"
@@ -358,7 +358,7 @@ class _Recording:
         return conditioned(experiment, settings.detrend, settings.normalise)
 
     def signals(self, label: str) -> Cut:
-        """Return the signals of a stretch and their provenance, and free them."""
+        """Return the signals of a stretch with their provenance, and free their memory."""
         set_point, speed = self.set_point.pop(label), self.speeds.pop(label)
         signals = {self.trial.channels.driver_signal: set_point.samples, "n_e": speed.rpm}
         faults = set_point.faults + speed.faults
@@ -411,7 +411,7 @@ class _Recording:
         }
 
     def _recorded(self, label: str, train: str) -> dict[str, Any]:
-        """Signal, clock, length and rows of every channel, to which the spans of faults refer."""
+        """Signal, clock, length and rows of each channel, to which the spans of faults refer."""
         channels = self.trial.channels
         sensors: list[tuple[Level | Tacho, str]] = [(channels.driver, channels.driver_signal)]
         sensors += [(sensor, signal) for signal, sensor in channels.levels.items()]
@@ -440,14 +440,14 @@ class _Recording:
             about = self._channels[channel]
             spans = joined([fault.spans for fault in faults if fault.excluded and fault.channel == channel])
             at = (about.start_s - grid.start_s + spans / about.rate_hz) * grid.rate_hz
-            # A grid sample covers half an interval on either side; rounding removes errors of the times.
+            # A grid sample covers half an interval on either side; rounding removes rounding errors of the times.
             at = np.round(at, 6)
             touched = np.column_stack([np.floor(at[:, 0] + 0.5), np.ceil(at[:, 1] + 0.5)]).astype(np.int64)
             for name in names:
                 signals[name] = np.where(marks(touched, 0, grid.count), np.nan, signals[name])
 
     def _faults_of_the_file(self, label: str) -> list[Fault]:
-        """Faults of the file's clock and end within a stretch."""
+        """Faults of the file itself, such as of its clock, within a stretch."""
         found = []
         for fault in self.log.faults:
             channel = self.log.counted(fault) or self._base.channel
@@ -466,7 +466,7 @@ class _Recording:
         return Fault("D3", self._base.channel.name, kept, rows, excluded=False)
 
     def _engine_speed(self, grid: Grid) -> _EngineSpeed:
-        """Engine speed in a stretch, first sampled at the set point's rate to apply the same filter."""
+        """Engine speed in a stretch, sampled first at the set point's rate, so that the same filter applies."""
         base = self._base.channel
         speed = EngineSpeed(self.trains, grid.label, (grid.start_s, grid.stop_s), base, self.rate_hz)
         source, account = speed.fused() if self.trial.processing.speed == "fused" else speed.best()
@@ -479,7 +479,7 @@ class _Recording:
 
 @dataclass(frozen=True)
 class _EngineSpeed:
-    """Engine speed [rpm] on the grid of a stretch, the record of how it was determined, and the faults of all trains."""
+    """Engine speed [rpm] on the grid of a stretch, the record of its origin, and the faults of all trains."""
 
     rpm: Array
     account: dict[str, Any]

@@ -1,4 +1,4 @@
-"""Quantities and roles of a log's channels, from names and units, and from the samples where these are ambiguous."""
+"""Quantities and roles of a log's channels: from their names and units, or from their samples if these are ambiguous."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ from shipfp_rs.support.spikes import bridge
 from shipfp_rs.support.units import ELECTRIC, FREQUENCIES, QUANTITIES, TO_RPM, told
 
 LEAST_PART = 4
-"""Least number of letters of a word that is recognised within a longer word."""
+"""Words with at least this many letters are recognised within longer words."""
 LETTERS = str.maketrans({"ø": "o", "æ": "ae", "ß": "ss", "ł": "l", "ı": "i", "đ": "d"})
 """Letters that Unicode does not decompose into base letter and accent, and their replacements."""
 WORD_ENDS = re.compile(r"(?<=[^\W\d_A-Z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")
-"""Boundaries between words in names like MotorVelocitySet."""
+"""Pattern of word boundaries in names like MotorVelocitySet."""
 TAIL = re.compile(
     r"(?:[ _(\[-]+|(?<=[^\W\d_A-Z])(?=[A-Z]))(?i:"
     r"(rpm|rad_?p?s|deg_?p?s|rad[_/]s(?:ec)?|deg[_/]s(?:ec)?|rev_s|rps|hz|k?nm|k?w|u_?min|1_?min|1_s|pct|percent|%))[)\]]?$"
 )
-"""Unit at the end of a name, for logs without separate units."""
+"""Pattern of a unit at the end of a name, for logs without separate units."""
 TAILS: Mapping[str, str] = {
     "rads": "rad/s", "radps": "rad/s", "radsec": "rad/s", "degs": "deg/s", "degps": "deg/s", "degsec": "deg/s",
     "revs": "rev/s", "umin": "rpm", "1min": "rpm", "1s": "1/s", "hz": "Hz", "w": "W", "kw": "kW",
@@ -47,10 +47,7 @@ def words() -> Mapping[str, frozenset[str]]:
 
 @dataclass(frozen=True)
 class Named:
-    """Unit and quantity of a channel (None if undetermined), meanings of the words in its name, and the reason.
-
-    Meanings are headings of `channel_words.toml`.
-    """
+    """Unit and quantity of a channel (None if undetermined), meanings of its name (headings of channel_words.toml), why."""
 
     unit: str
     quantity: str | None
@@ -89,7 +86,7 @@ def named(channel: Channel) -> Named:
 
 
 def _of_unit(unit: str, tells: frozenset[str]) -> str | None:
-    """Quantity of a unit; a frequency is a speed only if the name means speed."""
+    """Quantity of a unit; a frequency is a speed only if the channel's name means speed."""
     if unit in FREQUENCIES:
         return "speed" if tells & {"speed", "wanted"} else "frequency" if "frequency" in tells else "other"
     for quantity, known in QUANTITIES.items():
@@ -113,12 +110,12 @@ def _told_by(name: str) -> frozenset[str]:
 
 
 RESTING = 1e-3
-"""Largest range of a set point at rest, as a fraction of its level."""
+"""Largest range of a set point at rest, relative to its level."""
 LAG_RATE_HZ = 20.0
 LONGEST_LAG_S = 3.0
 LEAST_CORRELATION = 0.3
 SAME_SHAFT = 0.1
-"""Largest relative difference of a speed's median from the set point's if both are of the same shaft."""
+"""Medians of a speed and a set point of the same shaft differ by at most this fraction."""
 WHOLE = 0.02
 """A pulse train counts as on the engine's shaft if its pulses per turn are within this distance of a whole number."""
 
@@ -127,12 +124,12 @@ Shaft = Literal["engine", "propeller"]
 
 @dataclass
 class Roles:
-    """Channels by role, and the reasons, one line each."""
+    """Channels by role, and one line with the reason for each channel."""
 
     named: Mapping[str, Named]
     set_point: str | None = None
     command: str | None = None
-    """Command of an open-loop drive, if no channel's name means a set point of speed."""
+    """Command of an open-loop drive; only if no channel's name means a set point of speed."""
     torque: str | None = None
     location: Literal["gauge", "brake"] = "gauge"
     """Location of the torque."""
@@ -143,11 +140,11 @@ class Roles:
     load: str | None = None
     """Measured load of the machine, as power or torque."""
     speeds: dict[str, Shaft] = field(default_factory=dict)
-    """Shaft of each channel of speed, encoders included."""
+    """Shaft of each channel with a speed or an encoder's angle."""
     trains: dict[str, float] = field(default_factory=dict)
     """Pulses per second of each pulse train."""
     pulses: dict[str, int] = field(default_factory=dict)
-    """Pulses per turn of the engine of each train, determined with the aid of a channel of speed."""
+    """Pulses of each train per turn of the engine, if a recorded speed or set point determines them."""
     reasons: dict[str, str] = field(default_factory=dict)
 
 
@@ -182,7 +179,7 @@ def _rests(log: Log, name: str) -> bool:
 
 
 def _shaft_as_load(roles: Roles) -> None:
-    """Take the torque of the shaft as the load, where that of the engine is recorded as well."""
+    """Use the shaft's torque as the load if the engine's torque is recorded as well."""
     torques = [name for name, given in roles.named.items() if _role(given) == "torque"]
     shafts = [name for name in torques if "gauge" in roles.named[name].tells]
     engines = [name for name in torques if name not in shafts]
@@ -194,7 +191,7 @@ def _shaft_as_load(roles: Roles) -> None:
 
 
 def named_roles(channels: Sequence[Channel], set_point: str | None = None) -> Roles:
-    """Roles that follow from names and units alone."""
+    """Assign roles by names and units alone."""
     roles = Roles({channel.name: named(channel) for channel in channels})
     wanted = set_points(roles.named)
     if set_point is not None:
@@ -220,7 +217,7 @@ def named_roles(channels: Sequence[Channel], set_point: str | None = None) -> Ro
     for name in wanted if roles.set_point is None else ():
         roles.reasons[name] = f"one of {len(wanted)} that may be the set point: {', '.join(wanted)}; choose"
     for role, names in found.items():
-        # A name that means a measured quantity takes precedence.
+        # A channel whose name means a measured quantity takes precedence.
         ordered = sorted(names, key=lambda name: "measured" not in roles.named[name].tells)
         setattr(roles, role, ordered[0] if ordered else None)
         for other in ordered[1:]:
@@ -233,7 +230,7 @@ def named_roles(channels: Sequence[Channel], set_point: str | None = None) -> Ro
 
 
 def _of_a_generator(roles: Roles) -> None:
-    """Use the frequency of a generating set as its speed, and the only power channel as its load."""
+    """Use the frequency of a generating set as its speed, and a single power channel as its load."""
     turns = [name for name, given in roles.named.items() if given.quantity == "frequency"]
     powers = [name for name, given in roles.named.items() if given.quantity == "power"]
     if len(turns) != 1 or not (roles.load or len(powers) == 1):
@@ -257,7 +254,7 @@ def _commands(given: Mapping[str, Named]) -> list[str]:
 
 
 def set_points(given: Mapping[str, Named]) -> list[str]:
-    """Channels whose names mean a set point of speed; those with a unit of speed first."""
+    """Channels whose names mean a set point of speed; channels with a unit of speed take precedence."""
     wanted = {
         name: one
         for name, one in given.items()
@@ -265,7 +262,7 @@ def set_points(given: Mapping[str, Named]) -> list[str]:
         and "measured" not in one.tells
         and (one.quantity == "speed" or (one.quantity is None and _may_ask(one)) or one.unit == "%")
     }
-    # A demand with a feedback that is no speed, such as PitchCommand with PitchFeedback, is no speed demand.
+    # PitchCommand beside PitchFeedback, which is not a speed, is not a set point of speed.
     others = {
         _stem(name) for name, one in given.items() if "measured" in one.tells and one.quantity != "speed"
     }
@@ -275,18 +272,18 @@ def set_points(given: Mapping[str, Named]) -> list[str]:
 
 
 def _stem(name: str) -> str:
-    """Words of a name without those that mean a demand or a measurement."""
+    """Words of a name except those that mean a demand or a measurement."""
     alone = re.findall(r"[^\W_]+", WORD_ENDS.sub(" ", name).casefold())
     return " ".join(word for word in alone if not _told_by(word) & {"wanted", "measured"})
 
 
 def _may_ask(given: Named) -> bool:
-    """Whether a channel in an electrical unit may be a set point of speed; a current [A] is never one."""
+    """Whether a channel with an electrical unit may be a set point of speed; a current [A] is not."""
     return given.is_open and given.unit != "A"
 
 
 def _role(given: Named) -> str:
-    """Role by name and unit; empty if undetermined."""
+    """Role by name and unit; empty if they do not determine it."""
     wanted = "wanted" in given.tells and "measured" not in given.tells
     if given.quantity in ("torque", "power") and not given.is_open and "load" in given.tells and not wanted:
         return "load"
@@ -321,7 +318,7 @@ def _locate(roles: Roles, torque: str) -> None:
 
 
 def _by_what_it_does(log: Log, roles: Roles) -> None:
-    """Find the set point among channels with a suitable name or unit: its changes precede those of the other channels."""
+    """Find the set point among channels with a suitable name or unit: other channels follow its changes."""
     wanted = set_points(roles.named)
     may_be = wanted or [
         name
@@ -353,7 +350,7 @@ def _by_what_it_does(log: Log, roles: Roles) -> None:
 
 
 def _lag(one: Array, two: Array) -> int | None:
-    """Lag of the second signal after the first one [samples]; None if uncorrelated."""
+    """Lag of the second signal behind the first [samples]; None if they are uncorrelated."""
     most = round(LONGEST_LAG_S * LAG_RATE_HZ)
     scale = float(np.linalg.norm(one) * np.linalg.norm(two))
     if not scale > 0.0:
@@ -377,7 +374,7 @@ def _coarse(log: Log, name: str) -> Array | None:
 
 
 def _find_shafts(log: Log, roles: Roles) -> None:
-    """Find the speeds of the set point's shaft, and the pulses per turn of each train."""
+    """Decide which speeds are of the set point's shaft, and calculate the pulses per turn of each train."""
     asked = None if roles.set_point is None else _typical_rpm(log, roles, roles.set_point)
     given = {name: _typical_rpm(log, roles, name) for name in roles.speeds}
     known = {name: rpm for name, rpm in given.items() if rpm is not None}
@@ -402,7 +399,7 @@ def _find_shafts(log: Log, roles: Roles) -> None:
 
 
 def _typical_rpm(log: Log, roles: Roles, name: str) -> float | None:
-    """Median magnitude of a channel in a unit of speed [rpm]."""
+    """Median magnitude of a channel with a unit of speed [rpm]."""
     factor = TO_RPM.get(roles.named[name].unit)
     channel = log.channel(name)
     if factor is None or channel.samples < 2:

@@ -1,4 +1,4 @@
-"""Sources of speed: pulse trains of a log, wheels with a gap, edge lists, encoders, recorded speeds."""
+"""Sources of speed: pulse trains of a log, wheels with missing teeth, lists of edges, encoders, recorded speeds."""
 
 from __future__ import annotations
 
@@ -38,15 +38,15 @@ if TYPE_CHECKING:
 
 
 MARGIN_S = 2.0
-"""Time read before and after a stretch [s]; the ends of the stretch are then inside an interval between pulses."""
+"""Margin read before and after a stretch [s], so that both ends of the stretch lie between two pulses."""
 SPLINE_REACH = 40
-"""Number of intervals beyond which a change has no effect on a cubic spline; the effect decays by a factor of 3.7 per
+"""Number of intervals after which a change no longer affects a cubic spline; its effect decays by a factor of 3.7 per
 interval.
 """
 
 
 def _with_margin(channel: Channel, start_s: float, stop_s: float) -> tuple[int, int]:
-    """Rows of a stretch with a margin on either side."""
+    """Rows of a stretch and its margins."""
     edges = (
         round((edge - channel.start_s) * channel.rate_hz) for edge in (start_s - MARGIN_S, stop_s + MARGIN_S)
     )
@@ -55,7 +55,7 @@ def _with_margin(channel: Channel, start_s: float, stop_s: float) -> tuple[int, 
 
 
 class PulseTrain:
-    """Pulse train of a log, read once. The angles of its reflectors are estimated from the longest stretch."""
+    """Pulse train of a log, read once; its longest stretch determines the angles of the reflectors."""
 
     def __init__(
         self,
@@ -69,7 +69,7 @@ class PulseTrain:
         self.channel = rows.channel
         self.tacho = tacho
         self.rpm_per_rps = 60.0 * (gear_ratio if tacho.shaft == "propeller" else 1.0)
-        """Engine speed [rpm] per speed of the train's shaft [rev/s]."""
+        """Ratio of the engine speed [rpm] to the speed of the train's shaft [rev/s]."""
         self.pulses = {label: self._pulses(rows, label, *stretch) for label, stretch in stretches.items()}
         longest = max(stretches, key=lambda label: stretches[label][1] - stretches[label][0])
         self.angles = self._angles(self.pulses[longest])
@@ -79,11 +79,11 @@ class PulseTrain:
         return reflector_angles(longest.times_s, self.tacho.pulses_per_rev, gaps=longest.gaps_s)
 
     def _time_std_s(self, label: str) -> float | None:
-        """Standard deviation of a pulse's time in a stretch [s]; None: the value of `PulseTimes`."""
+        """Standard deviation of a pulse's time in a stretch [s]; None if that of `PulseTimes` applies."""
         return None
 
     def _pulses(self, rows: Rows, label: str, start_s: float, stop_s: float) -> PulseTimes:
-        """Pulses of a stretch, with a margin on either side, on the log's clock."""
+        """Pulses of a stretch and its margins, on the log's clock."""
         channel = self.channel
         first, stop = _with_margin(channel, start_s, stop_s)
         try:
@@ -116,12 +116,12 @@ class PulseTrain:
 
     @staticmethod
     def around(speed: IntervalSpeed, start_s: float, stop_s: float) -> IntervalSpeed:
-        """Intervals of a stretch, with those on either side that affect a spline within it."""
+        """Intervals of a stretch, and those on either side that affect a spline within it."""
         first, last = np.searchsorted(speed.time_s, [start_s, stop_s])
         return speed.part(slice(max(first - SPLINE_REACH, 0), last + SPLINE_REACH))
 
     def score(self, speed: IntervalSpeed) -> float:
-        """Number of good intervals; of good turns if the reflector angles are unknown."""
+        """Number of good intervals, or of good turns if the reflectors' angles are unknown."""
         good = float(np.count_nonzero(speed.flags == PulseFlag.GOOD))
         return good if self.angles.ok else good / self.tacho.pulses_per_rev
 
@@ -134,7 +134,7 @@ class PulseTrain:
             inside = (ends > start_s) & (begins < stop_s)
             times = np.clip(np.column_stack([begins, ends])[inside], start_s, stop_s) - self.channel.start_s
             spans = np.rint(times * self.channel.rate_hz).astype(np.int64)
-            # Faults of less than a sample, at the end of a stretch, are dropped.
+            # Faults shorter than a sample, at the end of a stretch, are dropped.
             return Fault(kind, self.channel.name, method, spans[spans[:, 1] > spans[:, 0]])
 
         extra = runs((speed.flags & PulseFlag.EXTRA) > 0)
@@ -173,20 +173,20 @@ def _silent(begins: Array, ends: Array, gaps: Array, start_s: float, stop_s: flo
 
 
 LEAST_SAMPLES = 4.0
-"""Fewest samples of an encoder between two virtual pulses, so that their errors are independent."""
+"""Least number of an encoder's samples between two virtual pulses, so that their errors are independent."""
 MOST_VIRTUAL = 64
 SPEED_RATE_HZ = 200.0
-"""Rate to which a recorded speed is averaged [Hz], far above the motion of a shaft line."""
+"""Rate to which a recorded speed is averaged [Hz], far above the frequencies of a shaft line."""
 
 Stretches = Mapping[str, tuple[float, float]]
 
 
 class MarkedWheel(PulseTrain):
-    """Toothed wheel with a gap of missing teeth, such as 60-2; the missing teeth are interpolated."""
+    """Toothed wheel with a gap of missing teeth, such as 60-2; the times of the missing teeth are interpolated."""
 
     def __init__(self, rows: Rows, name: str, tacho: Tacho, gear_ratio: float, stretches: Stretches) -> None:
         self._found_s: dict[str, Array] = {}
-        """Times of the gaps found in each stretch [s]: the first missing tooth."""
+        """Times of the gaps in each stretch [s], each that of the first missing tooth."""
         super().__init__(rows, name, tacho, gear_ratio, stretches)
 
     def _pulses(self, rows: Rows, label: str, start_s: float, stop_s: float) -> PulseTimes:
@@ -196,7 +196,7 @@ class MarkedWheel(PulseTrain):
         return pulses.at(every)
 
     def faults(self, label: str, speed: IntervalSpeed, start_s: float, stop_s: float) -> list[Fault]:
-        """Faults of a stretch, and the turns from gap to gap that are not whole ones."""
+        """Faults of a stretch, including gaps that are not whole turns apart."""
         channel, spans = self.channel, self._not_whole(label, speed)
         spans = spans[(spans[:, 1] > start_s) & (spans[:, 0] < stop_s)].clip(start_s, stop_s)
         lost = np.rint((spans - channel.start_s) * channel.rate_hz).astype(np.int64)
@@ -205,7 +205,7 @@ class MarkedWheel(PulseTrain):
         return [*found, Fault("B", channel.name, method, lost)] if len(lost) else found
 
     def _not_whole(self, label: str, speed: IntervalSpeed) -> Array:
-        """Stretches [s] from one gap found to the next that count no whole number of turns, shape (K, 2)."""
+        """Stretches [s] between successive gaps that are not a whole number of turns, shape (K, 2)."""
         gaps = self._found_s[label]
         if len(gaps) < 2 or not len(speed.time_s):
             return np.empty((0, 2))
@@ -214,17 +214,14 @@ class MarkedWheel(PulseTrain):
             np.diff(np.interp(gaps, ends, np.cumsum(column)))
             for column in (speed.turned_rev, speed.duration_s)
         )
-        # Masked stretches are reported elsewhere.
+        # Masked stretches are reported by `PulseTrain.faults`.
         counted = np.abs(lasted / np.diff(gaps) - 1.0) < 1e-3
         wrong = np.abs(turned - np.rint(turned)) * self.tacho.pulses_per_rev > 0.5
         return np.column_stack([gaps[:-1], gaps[1:]])[counted & wrong]
 
 
 def with_missing(times_s: Array, teeth: int, missing: int) -> Array:
-    """Insert the missing teeth of a wheel, by cubics through two teeth on either side of each gap.
-
-    `times_s` are those of its teeth [s], shape (N,); `teeth` counts those of the complete wheel, `missing` the adjacent
-    ones that it lacks.
+    """Insert the times of a wheel's `missing` adjacent teeth, by cubics through two teeth on either side of each gap.
 
     Examples
     --------
@@ -235,9 +232,9 @@ def with_missing(times_s: Array, teeth: int, missing: int) -> Array:
     periods = np.diff(times_s)
     if len(periods) < 4:
         return times_s
-    # A gap is missing + 1 pitches long, between teeth; a gap with another lost tooth is repaired later.
+    # A gap is `missing` + 1 pitches long; a gap beside another lost tooth is repaired later.
     after, before = np.append(periods[1:], periods[-1]), np.insert(periods[:-1], 0, periods[0])
-    # The mean of both sides holds where the speed changes, the lesser one beside a lost tooth.
+    # The usual period is the mean of both sides if the speed changes, and the lesser one beside a lost tooth.
     usual = np.array([0.5 * (before + after), np.minimum(before, after)])
     wide = (np.abs(periods / usual - (missing + 1)) < 0.5).any(axis=0)
     gaps = np.flatnonzero(wide[1:-1]) + 1
@@ -254,7 +251,7 @@ def with_missing(times_s: Array, teeth: int, missing: int) -> Array:
 
 
 class EdgeList(PulseTrain):
-    """List of edges from a separate file, on the log's clock."""
+    """List of edges in a separate file, on the log's clock."""
 
     def __init__(self, name: str, tacho: Tacho, gear_ratio: float, stretches: Stretches) -> None:
         path = Path(tacho.file or "")
@@ -280,13 +277,7 @@ class EdgeList(PulseTrain):
 
 
 def read_edges(path: Path, tacho: Tacho) -> Array:
-    """Times [s] of a list of edges; if the list has levels, only the times of rising edges.
-
-    Raises
-    ------
-    InputError
-        If the file can't be read, lacks a column, or its times do not increase.
-    """
+    """Read the times of edges [s]; with a column of levels, only rising edges; `InputError` if they do not increase."""
     import pyarrow as pa
     import pyarrow.csv
     import pyarrow.parquet
@@ -338,11 +329,7 @@ def _table_of_text(path: Path) -> pa.Table:
 
 
 class Encoder(PulseTrain):
-    """Angle of an encoder, wrapped or counting. Its pulses are the times at which it passes evenly spaced angles.
-
-    The error of an angle is its resolution or its noise, whichever is larger. Divided by the speed, it is the error of
-    a pulse's time.
-    """
+    """Angle of an encoder, wrapped or counting; its virtual pulses are the times at which it passes evenly spaced angles."""
 
     def __init__(self, rows: Rows, name: str, tacho: Tacho, gear_ratio: float, stretches: Stretches) -> None:
         self._std_s: dict[str, float] = {}
@@ -358,7 +345,7 @@ class Encoder(PulseTrain):
         )
 
     def _angle(self, rows: Rows, start_s: float, stop_s: float) -> tuple[Array, Array, Array]:
-        """Times [s], increasing angle [rev] and gaps [s] of a stretch with its margins."""
+        """Times [s], increasing angles [rev] and gaps [s] of a stretch and its margins."""
         channel = rows.channel
         first, stop = _with_margin(channel, start_s, stop_s)
         recorded = rows.read(first, stop).astype(np.float64)
@@ -405,6 +392,7 @@ class Encoder(PulseTrain):
         noise = ROBUST_SIGMA * float(np.median(np.abs(np.diff(angle, 2)))) / np.sqrt(6.0)
         step = self._rev if self.tacho.counts_per_rev else _step(np.abs(np.diff(angle)))
         step = max(step, rows.channel.resolution * self._rev)
+        # The error of an angle is its resolution or its noise, whichever is larger.
         std = self.tacho.std * self._rev if self.tacho.std else max(noise, step / np.sqrt(12.0), 1e-9)
         forward = np.maximum.accumulate(angle)
         keep = np.append(True, np.diff(forward) > 0.0)
@@ -438,7 +426,7 @@ def _step(steps: Array) -> float:
 
 
 class SpeedLevel(PulseTrain):
-    """Speed recorded by a drive, a bus or an analogue converter: a mean over each sample interval, spikes masked."""
+    """Speed recorded by a drive, a bus or an analogue converter, as means over the sample intervals, without spikes."""
 
     def __init__(
         self, rows: Rows, name: str, tacho: Tacho, gear_ratio: float, stretches: Stretches, spikes: Spikes
@@ -481,7 +469,7 @@ class SpeedLevel(PulseTrain):
             # The mean over T deviates from the speed by T^2 / 24 times its second derivative.
             bend = np.diff(means, 2, prepend=means[:1], append=means[-1:]) / duration**2
             means = means - (tacho.mean_s**2 - duration**2) / 24.0 * bend
-        # A sample is taken as the mean over the interval around its time.
+        # Each sample counts as the mean over the interval around its time.
         time = channel.start_s + (first - 0.5) / channel.rate_hz + (np.arange(count) + 0.5) * duration
         known = np.isfinite(means) & (means > 0.0)
         std_rps, lasts, good = np.broadcast_arrays(std, duration, np.zeros(known.sum(), dtype=np.uint8))[:3]
@@ -493,7 +481,7 @@ class SpeedLevel(PulseTrain):
         return ReflectorAngles(np.ones(1), np.zeros(1), ok=True)
 
     def speed(self, label: str) -> IntervalSpeed:
-        """Speeds of a stretch [rev/s], each a mean over its interval."""
+        """Speeds in a stretch [rev/s], each a mean over its interval."""
         return self._held[label]
 
     def faults(self, label: str, speed: IntervalSpeed, start_s: float, stop_s: float) -> list[Fault]:
@@ -509,12 +497,12 @@ class SpeedLevel(PulseTrain):
         return [one for one in found if len(one.spans)]
 
     def score(self, speed: IntervalSpeed) -> float:
-        """Score lower than that of any source that counts pulses, since the filter of a speed converter is unknown."""
+        """Score below that of any source that counts pulses, since the filter of a speed converter is unknown."""
         return -1.0 / (1.0 + len(speed.time_s))
 
 
 def _require_less(key: str, std: float | None, limit: float, what: str) -> None:
-    """Reject a standard deviation as large as the quantity itself, likely due to a wrong unit."""
+    """Reject a standard deviation as large as the quantity itself; its unit is probably wrong."""
     if std is not None and not std < limit:
         raise InputError(f"{key}: found {std:g}, expected less than {limit:.4g} {what}")
 
@@ -522,7 +510,7 @@ def _require_less(key: str, std: float | None, limit: float, what: str) -> None:
 def source_of(
     rows: Rows | None, name: str, tacho: Tacho, gear_ratio: float, stretches: Stretches, spikes: Spikes
 ) -> PulseTrain:
-    """Source of speed for a table of a trial; `spikes` are the limits for a recorded speed."""
+    """Make the source of speed for a table of a trial; `spikes` are the limits for a recorded speed."""
     if tacho.kind == "edges" or rows is None:
         return EdgeList(name, tacho, gear_ratio, stretches)
     if tacho.kind == "speed":
@@ -532,7 +520,7 @@ def source_of(
 
 
 def require_one_direction(first: PulseTrain, second: PulseTrain) -> None:
-    """Reject a shaft that reverses, which is detected by the second train of a pair in quadrature leading the first."""
+    """Reject a shaft that reverses, as a change of the order of two trains in quadrature shows."""
     for label, pulses in first.pulses.items():
         one, two = pulses.times_s, second.pulses[label].times_s
         if len(one) < 3 or len(two) < 3:

@@ -1,4 +1,4 @@
-"""TRIAL.toml: header, logs, channels, operating point, processing, windows, and how to identify."""
+"""TRIAL.toml: header, logs, channels, operating point, processing, windows, and options of the identification."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ Relation = Annotated[
     Field(strict=False),
     BeforeValidator(lambda value: [*value, 0.0] if isinstance(value, list) and len(value) == 2 else value),
 ]
-"""Name of a parameter, factor and offset; the default offset is 0."""
+"""Name of another parameter, factor and offset; the default offset is 0."""
 Share = Annotated[float, Field(ge=1e-9, le=1e3)]
 Sigmas = Annotated[float, Field(ge=0.1, le=1e6)]
 Stretch = Annotated[float, Field(ge=1e-6, le=3600.0)]
@@ -48,11 +48,11 @@ class Header(Section):
         Field(strict=False, min_length=1, max_length=1000),
         BeforeValidator(lambda value: [value] if isinstance(value, str) else value),
     ]
-    """One path or several, relative to the folder of TRIAL.toml."""
+    """Path of the log, or list of paths, relative to the folder of TRIAL.toml."""
     rate_hz: Rate | None = None
-    """Sample rate of logs that state none [Hz]."""
+    """Sample rate of logs that do not state one [Hz]."""
     time_column: str | None = None
-    """Time column of a table, if it is not detected: "COLUMN", "COLUMN [ms]", "DATE [d.m.y] + CLOCK"."""
+    """Time column of a table, needed only if it is not detected: "COLUMN", "COLUMN [ms]", "DATE [d.m.y] + CLOCK"."""
     names: FilePath | None = None
     """File with the names of the channels: a DBC for a CAN log, a channel list for ISO 19848."""
 
@@ -61,7 +61,7 @@ class Align(Section):
     """Alignment of several loggers with separate clocks to the clock of one of them."""
 
     reference: FilePath
-    """File name of the log with the reference clock; all windows are on it."""
+    """File name of the log with the reference clock, on which all windows are given."""
     common: Name | None = None
     """Channel that every log has, such as the set point's voltage or a pulse train. Without this key, the logs must
     share a clock and are merged by their time stamps.
@@ -71,16 +71,16 @@ class Align(Section):
 
 
 class OperatingPoint(Section):
-    """The steady state for the normalisation of signals: given, or "auto" from a steady stretch."""
+    """Steady state by which signals are normalised: given values, or "auto" for means over a steady stretch."""
 
     n_e_rpm: Auto = None
     """Engine speed [rpm]."""
     M_Nm: Auto = None
-    """Torque at the location of the torque channel [Nm]; without a steady stretch, the load's operating point follows
-    from it.
+    """Torque at the location of the torque channel [Nm]; without a steady stretch, the load's operating point is
+    calculated from it.
     """
     X_mm: Auto = None
-    """Fuel rack, in the unit of the rack channel's calibration."""
+    """Position of the fuel rack, in the unit of the rack channel's calibration."""
     steady_s: Pair | None = None
     """Start and stop of a stretch with a constant set point, on the log's clock [s]."""
 
@@ -95,17 +95,17 @@ class Spikes(Section):
     """Short excursions from the running median that count as faults."""
 
     longest_s: Stretch = 0.05
-    """Longest spike [s]; motions of the plant last longer. In a channel that holds each value for longer, a spike is a
-    single value.
+    """Longest spike [s], shorter than any motion of the plant. In a channel that holds each value for a longer time, a
+    spike is a single value.
     """
     threshold: Sigmas = 6.0
-    """Height in robust standard deviations about the running median."""
+    """Least deviation of a spike from the running median, in robust standard deviations."""
     least: Share = 0.05
-    """Least height of a fault, relative to the median magnitude."""
+    """Least height of a spike, relative to the channel's median magnitude."""
 
 
 class Faults(Section):
-    """Limits of the faults of a recorded channel, apart from spikes."""
+    """Limits by which faults of a recorded channel, except spikes, are detected."""
 
     stuck_s: Stretch = 0.25
     """Shortest stretch of equal samples in an otherwise noisy channel [s]."""
@@ -114,7 +114,7 @@ class Faults(Section):
     clipped_samples: Annotated[int, Field(ge=2, le=1_000_000_000)] = 8
     """Least number of samples at the extreme value of a clipped channel."""
     longest_bridge_s: Stretch = 0.25
-    """Longest stretch of a lost set point that is bridged by a straight line [s]; the outputs are masked there."""
+    """Longest stretch without a valid set point that is bridged by a straight line [s]; the outputs are masked there."""
     mains_hz: Annotated[float, Field(ge=1.0, le=1000.0)] = 50.0
     """Frequency of the mains, whose hum is removed from the set point [Hz]."""
     least_hum: Share = 1e-3
@@ -125,14 +125,15 @@ class Processing(Section):
     """Processing of raw channels to signals."""
 
     rate_hz: Rate = 50.0
-    """Common rate of the signals [Hz]. Above the tachometer's bandwidth, the speed is only interpolated, which a fit
-    with whitened residuals would mistake for signal; four reflectors on a shaft at 5 rev/s have a bandwidth of 10 Hz.
+    """Common rate of the signals [Hz]. Above the tachometer's bandwidth, the speed is only interpolated, and a fit
+    with whitened residuals would mistake the interpolation for a signal. Four reflectors on a shaft at 5 rev/s have a
+    bandwidth of 10 Hz.
     """
     normalise: Literal["global", "local"] = "global"
-    """Normalise with the trial's operating point, or each window with its own means."""
+    """"global" normalises by the trial's operating point, "local" normalises each window by its own means."""
     detrend: Annotated[int, Field(ge=0, le=3)] = 0
-    """Degree of a polynomial drift that is removed from the outputs; 0: none. If the set point itself is similar to
-    such a polynomial, such as a stair of steps, the window's outputs are not changed.
+    """Degree of the polynomial drift that is removed from the outputs; 0 for none. A window's outputs are not changed
+    if its set point itself resembles such a polynomial, as a stair of steps does.
     """
     speed: Literal["best", "fused"] = "best"
     """"best": the speed of the train with the most good intervals. "fused": from the pulses of all trains, each weighted by
@@ -154,20 +155,20 @@ def _no_slip(word: str) -> str:
 
 
 class Window(Section):
-    """One stretch of a log, one experiment."""
+    """A stretch of a log, which becomes one experiment."""
 
     name: Name
-    """Name of the experiment; each name once."""
+    """Name of the experiment, different for each window."""
     kind: Annotated[str, Field(max_length=40), AfterValidator(_no_slip)] = ""
-    """Kind of motion of the set point, such as "chirp"; any word, which is shown in the report."""
+    """Kind of motion of the set point, such as "chirp"; the report shows it, and any word is allowed."""
     start_s: float
     """Start on the log's clock [s]."""
     stop_s: float
     """End on the log's clock [s]."""
     log: FilePath | None = None
-    """File name of the window's log; default: the first one."""
+    """File name of the window's log; by default the first log."""
     use: Literal["fit", "validation"] = "fit"
-    """"validation": held out, that is, not fitted, but predicted by the fit and scored."""
+    """A window for "validation" is held out: it is not fitted, but predicted by the fit, and the prediction is scored."""
 
     @model_validator(mode="after")
     def _is_not_empty(self) -> Self:
@@ -180,35 +181,37 @@ class Torsion(Section):
     """Torsional calculation of the drive train, whose inertias and stiffness are priors."""
 
     file: FilePath
-    """JSON or TOML file with lists discs, shafts and gears, or a TORS file of openTorsion; relative to TRIAL.toml."""
+    """JSON or TOML file with the lists discs, shafts and gears, or a TORS file of openTorsion; relative to TRIAL.toml."""
     gauge: Name | None = None
-    """Shaft with the torque gauge, or disc ahead of it, by its name or as "shaft 3", the third one in the file."""
+    """Shaft with the torque gauge, or the disc ahead of it: its name, or "shaft 3" for the third shaft in the file."""
     std_pct: Annotated[float, Field(gt=0.0, le=100.0)] = 5.0
-    """Standard deviation of its inertias and its stiffness, in per cent."""
+    """Standard deviation of the inertias and the stiffness, in per cent."""
 
 
 class Dials(Section):
-    """What the governor's dials showed during the trial; `tune` advises in the same units."""
+    """Settings of the governor's dials during the trial; `tune` gives its advice in the same units."""
 
     gain: Annotated[float, Field(gt=0.0)] | None = None
-    """Proportional gain, as GAIN of Woodward or Gain of ComAp, in any unit."""
+    """Proportional gain (GAIN of Woodward, Gain of ComAp), in any unit."""
     reset: Annotated[float, Field(gt=0.0)] | None = None
-    """Integral over proportional gain, as RESET of Woodward or Int of ComAp, in repeats a second or any other unit."""
+    """Ratio of integral to proportional gain (RESET of Woodward, Int of ComAp), in repeats per second or any other
+    unit.
+    """
     droop_pct: Annotated[float, Field(gt=0.0, le=100.0)] | None = None
-    """Droop, in per cent of whatever the governor takes it of."""
+    """Droop, in per cent of the governor's own reference quantity."""
 
 
 HOW = ("noise", "starts")
 """Keys of [identify] that are options of `identify` with the same name."""
 NARROWING = frozenset(("elements", "torque", "outputs", "fixed", "priors", "seed", "vessel_std_pct"))
-"""Keys of [identify] that limit the data's selection of a structure; any other key declares the structure."""
+"""Keys of [identify] that restrict the structure selected by the data; any other key declares the structure."""
 OF_THE_FULL_SHIP: Mapping[str, tuple[Any, ...]] = {
     "products": (True,),
     "tied": ({},),
     "noise": (None, "coloured"),
     "starts": (None, 1),
 }
-"""Defaults of the other keys: with these the full ship is fitted, and no structure is declared."""
+"""Values of the other keys that declare no structure; the full ship is fitted."""
 
 
 def _a_language(word: str) -> str:
@@ -225,28 +228,32 @@ class Report(Section):
 
 
 class Identify(Section):
-    """The structure to fit, and how; names of elements and parameters are checked by the structure itself.
+    """Structure to fit, and options of the fit; the structure checks the names of elements and parameters.
 
-    Without a key other than `NARROWING` the data select the elements of the ship; with such a key, only elements given as
-    true act. A key with its default value has no effect.
+    The data select the elements of the ship unless a key outside `NARROWING` is given; with such a key, only elements
+    given as true act. A key with its default value has no effect.
     """
 
     elements: dict[str, bool] = Field(default_factory=dict)
-    """Elements that act (true) or do not (false); where the data select, they decide about the others."""
+    """Elements that act (true) or do not (false); if the data select the structure, they decide about the others."""
     torque: Literal["gauge", "brake"] | None = None
-    """Side of the torque; default: the location of the torque channel."""
+    """Location of the torque; by default that of the torque channel."""
     products: bool = True
     """Fit vK_p and vK_i instead of v, K_p and K_i, which speed and torque can't determine separately."""
     outputs: Annotated[tuple[str, ...], Field(strict=False, min_length=1)] = ("dn", "dM")
-    """Outputs that are compared: speed dn, torque dM, rack dX; where the data select, all that were measured."""
+    """Outputs that are fitted: speed dn, torque dM, rack dX; if the data select the structure, by default all measured
+    ones.
+    """
     fixed: dict[str, float] = Field(default_factory=dict)
-    """Known value of each fixed parameter."""
+    """Fixed parameters, with their known values."""
     priors: dict[str, Pair] = Field(default_factory=dict)
-    """Mean and standard deviation of each parameter known beforehand."""
+    """Parameters known beforehand, with mean and standard deviation."""
     vessel_std_pct: Annotated[float, Field(gt=0.0, le=100.0)] | None = None
-    """Standard deviation of the vessel's inertias and stiffness, in per cent, as priors; without it they are not used."""
+    """Standard deviation, in per cent, of the vessel's inertias and stiffness as priors; they are not used without
+    this key.
+    """
     tied: dict[str, Relation] = Field(default_factory=dict)
-    """Relation of each tied parameter: [name of another one, factor] or [name, factor, offset]."""
+    """Tied parameters: [name of another parameter, factor] or [name of another parameter, factor, offset]."""
     noise: Literal["coloured", "white"] | None = None
     """Assumed noise of the residuals, as in `identify`."""
     starts: Starts | None = None
@@ -271,7 +278,7 @@ class Identify(Section):
 
 
 MOST_WINDOWS = 500
-"""Most windows of a trial; each takes tens of milliseconds."""
+"""Largest number of windows in a trial; each takes tens of milliseconds."""
 
 
 class Trial(Section):
@@ -406,7 +413,7 @@ class Trial(Section):
         Raises
         ------
         InputError
-            If the file can't be read, or a key or value is wrong, which the message names.
+            If the file can't be read, or a key or value is wrong; the message names it.
         """
         path = Path(path)
         read = read_toml(path, cls)
@@ -425,12 +432,12 @@ class Trial(Section):
         torsion = read.torsion
         if torsion is not None:
             torsion = torsion.model_copy(update={"file": str(path.parent / torsion.file)})
-            Line.read(torsion.file).seen(torsion.gauge)  # a mistake is told before hours of log are read
+            Line.read(torsion.file).seen(torsion.gauge)  # raises errors before hours of log are read
         header = header.model_copy(update=changes)
         return read.model_copy(update={"trial": header, "channels": channels, "torsion": torsion})
 
     def completed(self, log: Log) -> Log:
-        """Add the trial's constant set point, if any, to a log, as a channel as long as the load."""
+        """Add the trial's constant set point, if any, to a log, as a channel with the load's length."""
         asked, load = self.channels.set_point, self.channels.load
         if asked is None or asked.rpm is None or load is None or asked.column in log.channels:
             return log

@@ -25,9 +25,9 @@ Positive = Annotated[float, Field(gt=0.0)]
 Rate = Annotated[float, Field(gt=0.0, le=1e8)]
 """Sample rate [Hz], in a range that covers every logger."""
 Delay = Annotated[float, Field(ge=-60.0, le=60.0)]
-"""Delay of a channel [s], less than a minute; a longer delay would mean a different clock."""
+"""Delay of a channel [s], at most a minute; a longer delay would mean a different clock."""
 Accuracy = Annotated[float, Field(ge=0.0, le=0.2)]
-"""Systematic relative error of a calibrated channel, which varies slowly with frequency: its standard deviation."""
+"""Standard deviation of a calibrated channel's systematic relative error, which varies slowly with frequency."""
 Pair = Annotated[tuple[float, float], Field(strict=False)]
 KEYS_OF_KIND: Mapping[str, Set[str]] = {
     "pulses": {"pulses_per_rev", "missing", "quadrature", "threshold", "hysteresis", "unit"},
@@ -37,7 +37,7 @@ KEYS_OF_KIND: Mapping[str, Set[str]] = {
 }
 """Keys of each kind of source of speed, in addition to the common ones."""
 CALIBRATED = {"%", *ELECTRIC} - {"", "counts"}
-"""Units of the readings of a source of speed that a calibration converts to rpm."""
+"""Units of a speed source's readings that a calibration can convert to rpm."""
 KEYS_OF_ALL = {"kind", "column", "shaft", "delay_s"}
 SIGNAL_OF_LOCATION = {"gauge": "M_g", "brake": "M_b", "shaft": "M_s"}
 
@@ -50,7 +50,7 @@ class Line(Section):
     offset: float = 0.0
     """Calibrated value at a reading of 0."""
     table: Annotated[tuple[Pair, ...], Field(strict=False, min_length=2)] | None = None
-    """Pairs of reading and value to which a line is fitted; replaces `scale`."""
+    """Pairs of reading and value to which a line is fitted; given instead of `scale`."""
 
     @model_validator(mode="after")
     def _is_one_line(self) -> Self:
@@ -63,7 +63,7 @@ class Line(Section):
         return self
 
     def calibration(self, unit: str) -> Calibration:
-        """The line, with `unit` for its values."""
+        """Calibration by this line; `unit` is the unit of its values."""
         if self.table is not None:
             readings, values = zip(*self.table, strict=True)
             return Calibration.from_table(readings, values, unit)
@@ -72,7 +72,7 @@ class Line(Section):
 
 
 def wanted_line(unit: str, to: str) -> str:
-    """Text for error messages: the calibration that is needed from one unit to another."""
+    """Text of error messages: the calibration needed from one unit to another."""
     reading = unit or "reading"
     return (
         f"from {reading} to {to}: {{ scale = {to} per {reading}, offset = {to} at 0 }}, or "
@@ -81,7 +81,7 @@ def wanted_line(unit: str, to: str) -> str:
 
 
 PolePairs = Annotated[int, Field(ge=1, le=200)]
-"""Pairs of poles of the machine whose electric frequency is recorded; the frequency is divided by this number."""
+"""Number of pole pairs of the machine whose electric frequency is recorded; the frequency is divided by it."""
 SCALING: Mapping[str, tuple[Set[str], str]] = {
     "pole_pairs": ({*FREQUENCIES}, "a whole number, the pairs of poles: 2 where 50 Hz are 1500 rpm"),
     "rated_torque_Nm": ({"%"}, "the torque at 100 % [Nm]"),
@@ -94,7 +94,7 @@ MOST_RPM = 1e6
 
 
 class Level(Section):
-    """A channel with a linear calibration; for a unit of the channel's own quantity it may be omitted."""
+    """A channel with a linear calibration, which may be omitted if the unit is one of the channel's quantity."""
 
     a: ClassVar[str] = ""
     """Name of the channel's quantity in `QUANTITIES`; its units need no calibration."""
@@ -104,14 +104,14 @@ class Level(Section):
     unit: str
     """Unit of the readings."""
     calibration: Line
-    """Calibration of the readings; default: the factor of their unit."""
+    """Calibration of the readings; by default the factor of their unit."""
     delay_s: Delay = 0.0
-    """Delay of the channel, filters of telemetry and amplifiers included [s]; it is removed."""
+    """Delay of the channel, including filters of telemetry and amplifiers [s]; processing removes it."""
 
     @model_validator(mode="before")
     @classmethod
     def _unit_calibrates(cls, content: Any) -> Any:
-        """Fill in the factor of a known unit; for any other, name the keys to give."""
+        """Insert the factor of a known unit; for other units, raise an error that names the keys to give."""
         if not isinstance(content, dict):
             return content
         column, unit = content.get("column"), content.get("unit")
@@ -159,7 +159,7 @@ def _require_use(key: str, content: Mapping[str, Any], unit: str) -> None:
     if content[key] == TO_BE_GIVEN:
         raise unexpected(key, repr(TO_BE_GIVEN), f"{what}, of channel {content.get('column')!r}")
     if unit not in units:
-        raise unexpected(key, f"it beside unit = {unit!r}", f"it beside {' or '.join(sorted(units))} only")
+        raise unexpected(key, f"a value with unit = {unit!r}", f"one only with {' or '.join(sorted(units))}")
 
 
 class SetPoint(Level):
@@ -168,13 +168,14 @@ class SetPoint(Level):
     a = "speed"
 
     pole_pairs: PolePairs = 1
-    """Pairs of poles of the generator whose frequency the channel records: 2 if 50 Hz are 1500 rpm."""
+    """Number of pole pairs of the generator whose frequency the channel records: 2 if 50 Hz are 1500 rpm."""
     rpm: Annotated[float, Field(gt=0.0, lt=MOST_RPM)] | None = None
-    """Constant set point [rpm], instead of a channel, for a ship driven by a load."""
+    """Constant set point [rpm], given instead of a channel if the load excites the ship."""
 
     held: bool = False
-    """Whether the engine holds each sample until the next one, as with a set point from a bus. The engine's set point
-    is then late by half a sample's period, which is not part of `delay_s`. A torque recorded at this rate shows the stairs.
+    """Whether the engine holds each sample until the next one, as with a set point from a bus. The set point is then
+    late by half a sample period on average, which is not part of `delay_s`. A torque recorded at this rate shows the
+    stairs.
     """
 
     @model_validator(mode="before")
@@ -197,7 +198,7 @@ class SetPoint(Level):
 class Command(Level):
     """The command of an open-loop drive: torque, current, voltage or fuel, in any unit, 0 for no torque.
 
-    Only its ratio to the operating point counts; a unit of torque becomes Nm.
+    Only its ratio to the operating point matters; torques are converted to Nm.
     """
 
     @classmethod
@@ -216,7 +217,7 @@ class Torque(Level):
     location: Literal["gauge", "brake", "shaft"]
     """"gauge": strain gauge between the inertias (M_g); "brake": engine brake torque (M_b); "shaft": M_s."""
     gauge_accuracy: Accuracy | None = None
-    """Accuracy of the sensor; default: that of the likelihood, 0.003."""
+    """Relative accuracy of the sensor; by default that of the likelihood, 0.003."""
 
     @property
     def place(self) -> Literal["gauge", "brake"]:
@@ -225,15 +226,15 @@ class Torque(Level):
 
 
 class Rack(Level):
-    """The fuel rack, or a CAN bus's fuel signal: zero without fuel, and proportional to it.
+    """Position of the fuel rack, or fuel signal of a CAN bus; it must be proportional to the fuel.
 
-    It is what acts on the torque: behind the dead time T_d and the lag tau_act of the actuator, not the command before them.
-    Only its ratio to the operating point counts, so per cent or mg per stroke serve as well as mm, without a calibration.
+    The signal is the one that acts on the torque, after the actuator's dead time T_d and lag tau_act, not the command
+    before them. Only its ratio to the operating point matters, so per cent or mg per stroke need no calibration to mm.
     For a bus, half of its repetition period is part of `delay_s`.
     """
 
     gauge_accuracy: Accuracy | None = None
-    """Accuracy of the sensor, as for the torque."""
+    """Relative accuracy of the sensor, as for the torque."""
 
     @classmethod
     def factor(cls, unit: str, content: Mapping[str, Any]) -> tuple[float | None, str]:
@@ -245,17 +246,19 @@ class Load(Level):
     """The load of a dynamometer, a generator or a hydraulic brake: torque of the shaft behind a gearbox, or power."""
 
     quantity: Literal["torque", "power", "other"]
-    """Torque [Nm]; power [W], which is divided by the shaft's speed; or another cause of load, such as a pitch, in any unit,
-    relative to its own operating value; its gain is found beside a measured torque."""
+    """Torque [Nm]; power [W], which is divided by the shaft's speed; or another cause of load, such as a propeller's
+    pitch, in any unit and relative to its operating value. The gain of another cause is estimated, which needs a
+    measured torque.
+    """
     a = "torque"
     rated_torque_Nm: Annotated[float, Field(gt=0.0, lt=1e9)] | None = None
     """Rated torque [Nm], for a torque in per cent of it."""
     efficiency: Annotated[float, Field(ge=0.2, le=1.0)] = 1.0
-    """Efficiency of a generator: electric power over shaft power."""
+    """Efficiency of a generator: ratio of electric power to shaft power."""
 
     @classmethod
     def factor(cls, unit: str, content: Mapping[str, Any]) -> tuple[float | None, str]:
-        """Factor and resulting unit, as of a level; one for a load that is neither torque nor power."""
+        """Factor of a unit and the resulting unit; the factor is 1 for a load that is neither torque nor power."""
         return (1.0, "") if content.get("quantity") == "other" else super().factor(unit, content)
 
 
@@ -269,27 +272,29 @@ class Tacho(Section):
     kind: Literal["pulses", "edges", "angle", "speed"] = "pulses"
     """Kind of source; it follows from the other keys."""
     column: str = ""
-    """Column of the log; in a list of edges the column of the times, by default the first."""
+    """Column of the log; for a list of edges the column of times, by default the first."""
     pulses_per_rev: Annotated[int, Field(ge=1, le=100_000)] = 1
-    """Pulses per turn; for a wheel with missing teeth, the count including those: 60 for 60-2."""
+    """Pulses per turn, including the missing teeth of a wheel: 60 for 60-2."""
     missing: Annotated[int, Field(ge=0, le=4)] = 0
-    """Adjacent missing teeth that mark the turn: 2 for 60-2."""
+    """Number of adjacent missing teeth, which mark the turn: 2 for 60-2."""
     quadrature: Name | None = None
     """Column of the second train of a pair in quadrature, a quarter of a pulse apart."""
     shaft: Literal["engine", "propeller"] = "engine"
-    """Shaft on which it is mounted."""
+    """Shaft on which the source is mounted."""
     threshold: float | None = None
-    """Level of a crossing, in the channel's unit; default: halfway between the two levels."""
+    """Level at which pulses are timed, in the channel's unit; by default halfway between low and high level."""
     hysteresis: Positive | None = None
-    """Width between arming and firing, in the channel's unit; default: a fraction of the height."""
+    """Distance between the arming and the firing level, in the channel's unit; by default a fraction of the pulse
+    height.
+    """
     delay_s: Delay = 0.0
-    """Delay of the channel, filters of telemetry and amplifiers included [s]; it is removed."""
+    """Delay of the channel, including filters of telemetry and amplifiers [s]; processing removes it."""
     file: FilePath | None = None
-    """A list of edges: a file with a column of times on the log's clock [s]."""
+    """File with a list of edges: a column has their times on the log's clock [s]."""
     level: Name | None = None
-    """Column of levels in the list of edges; if given, only edges that rise to a level above the middle count."""
+    """Column of levels in the list of edges; if given, only edges that rise above the middle level count."""
     time_std_s: Positive | None = None
-    """Standard deviation of an edge in a list [s]; default: from the digits of its times."""
+    """Standard deviation of an edge's time in a list [s]; by default from the digits of the times."""
     unit: str = ""
     """Unit of an angle (deg, rad, rev or counts), of a speed (rpm, rad/s, rev/s, Hz over `pole_pairs`), or of the reading
     (%, V, mA) that the calibration converts to rpm.
@@ -297,13 +302,13 @@ class Tacho(Section):
     counts_per_rev: Annotated[float, Field(ge=1.0, le=1e9)] | None = None
     """Counts of an encoder per turn."""
     calibration: Line | None = None
-    """Calibration of an analogue speed or angle, from volts to `unit`; from a `unit` of the reading to rpm."""
+    """Calibration of an analogue speed or angle: from volts to `unit`, or to rpm if `unit` is that of the reading."""
     std: Positive | None = None
-    """Standard deviation of a calibrated sample; default: from the samples."""
+    """Standard deviation of a calibrated sample; by default estimated from the samples."""
     mean_s: Positive | None = None
-    """Averaging time of a recorded speed [s]; default: the sample interval."""
+    """Averaging time of a recorded speed [s]; by default the sample interval."""
     pole_pairs: PolePairs = 1
-    """Pairs of poles of the generator whose frequency the channel records: 2 if 50 Hz are 1500 rpm."""
+    """Number of pole pairs of the generator whose frequency the channel records: 2 if 50 Hz are 1500 rpm."""
 
     @model_validator(mode="before")
     @classmethod
@@ -357,7 +362,7 @@ class Tacho(Section):
                 f"nothing: a source of kind {self.kind!r} takes {', '.join(sorted(KEYS_OF_KIND[self.kind]))}",
             )
         if self.kind == "angle" and told(self.unit) not in TO_REV and self.counts_per_rev is None:
-            raise unexpected("counts_per_rev", "nothing", f"it beside unit = {self.unit!r}")
+            raise unexpected("counts_per_rev", "nothing", f"a number with unit = {self.unit!r}")
         unit = told(self.unit)
         if self.kind == "speed" and unit in CALIBRATED and self.calibration is None:
             raise unexpected("calibration", "nothing", f"channel {self.column!r} {wanted_line(unit, 'rpm')}")
@@ -371,7 +376,7 @@ class Tacho(Section):
 
 
 class Channels(Section):
-    """Set point, torque, actuator, load, and any number of sources of speed under names of their own."""
+    """Set point, torque, actuator, load, and any number of sources of speed in tables with other names."""
 
     # pydantic validates the extra tables as sources of speed.
     model_config = ConfigDict(extra="allow")
@@ -383,7 +388,7 @@ class Channels(Section):
     torque: Torque | None = None
     rack: Rack | None = None
     actuator: Rack | None = None
-    """Another name of `rack`: throttle, fuel, or a motor's current or voltage, as it acts, not as it is commanded."""
+    """Alternative name of `rack`: throttle, fuel, or a motor's current or voltage, as it acts, not its command."""
     load: Load | None = None
     """Measured load of the machine: an input in addition to the set point."""
 

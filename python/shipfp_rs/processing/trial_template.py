@@ -21,15 +21,15 @@ from shipfp_rs.support.toml import TO_BE_GIVEN
 from shipfp_rs.support.units import TO_NM, TO_REV, TO_RPM, TO_W
 
 KEPT = ("processing", "processing.torque_spikes", "processing.set_point_jumps", "processing.faults")
-"""Tables of the template with settings only, which do not depend on a log."""
+"""Tables of the template that have only settings and do not depend on a log."""
 SELDOM_HZ = 100.0
 """Highest rate [Hz] of a set point that may come from a bus or PLC, whose stairs would be visible in the torque."""
 LEAST_LOAD = 0.1
-"""Least level of a constant load for a stretch under load, relative to the load's largest level."""
+"""Least level of a constant load at which a stretch is under load, relative to the load's largest level."""
 
 
 def windows_toml(windows: Sequence[FoundWindow]) -> str:
-    """The [[windows]] tables of a TRIAL.toml, without stretches at rest; frequencies as comments."""
+    """Text of the [[windows]] tables of a TRIAL.toml, without stretches at rest; frequencies are comments."""
     lines = []
     for window in windows:
         if window.kind == "steady":
@@ -53,13 +53,7 @@ def _within(window: FoundWindow) -> tuple[float, float]:
 def moved(
     log: Log, driver: str | None, load: str | None, start_s: float = -math.inf, stop_s: float = math.inf
 ) -> tuple[str, list[FoundWindow]]:
-    """Channel that defines the windows of a stretch, and the windows: the load if set point or command is constant.
-
-    Raises
-    ------
-    InputError
-        If the log has neither set point nor load, or is too short.
-    """
+    """Channel that defines the windows (the load if set point or command is constant), and the windows of a stretch."""
     driver = driver or load
     if driver is None:
         raise InputError("no set point found: name its channel in the file, or with --set-point")
@@ -73,7 +67,7 @@ def moved(
 
 
 def operating_rest(windows: Sequence[FoundWindow], *, by_load: bool) -> FoundWindow | None:
-    """Stretch at rest whose mean is the operating point; with a varying load, preferably a stretch under load."""
+    """Stretch at rest whose mean becomes the operating point; if the load defines the windows, preferably one under load."""
     if by_load:
         largest = max(abs(window.level) for window in windows)
         loaded = [w for w in windows if w.kind != "steady" or abs(w.level) > LEAST_LOAD * largest]
@@ -162,7 +156,7 @@ def _channels(log: Log, roles: Roles, windows: Sequence[FoundWindow]) -> list[st
 
 
 def _held(log: Log, roles: Roles) -> str:
-    """Key `held`, commented out unless certain, of a set point as slow as a bus or PLC and no faster than the torque."""
+    """Key `held` if the set point is as slow as a bus or PLC and not faster than the torque; a comment if uncertain."""
     if roles.set_point is None or roles.torque is None:
         return ""
     if log.channel(roles.set_point).rate_hz > min(SELDOM_HZ, log.channel(roles.torque).rate_hz):
@@ -172,7 +166,7 @@ def _held(log: Log, roles: Roles) -> str:
 
 
 def _resting(log: Log, roles: Roles, windows: Sequence[FoundWindow]) -> str:
-    """Table of a constant set point that was not recorded: its value is the mean speed while the load is constant."""
+    """Table of a constant set point that was not recorded; its value is the mean speed while the load is constant."""
     rest = operating_rest(windows, by_load=True) if windows and roles.load is not None else None
     moving = windows if roles.load is not None else []
     rpm = _mean(log, roles, next(iter(roles.speeds), None), moving if rest is None else [rest], TO_RPM)
@@ -220,7 +214,7 @@ def _train(name: str, roles: Roles) -> str:
 
 
 def _operating_point(log: Log, roles: Roles, windows: Sequence[FoundWindow], mover: str | None) -> str:
-    """Table of the operating point: the steady stretch, or means over the windows if there is no such stretch."""
+    """Table of the operating point: a steady stretch, or means over the windows if nothing rests."""
     rest = operating_rest(windows, by_load=mover is not None and mover == roles.load)
     if rest is not None:
         start_s, stop_s = _within(rest)
@@ -251,7 +245,7 @@ def _mean(
 
 
 def common_rate(levels_hz: Iterable[float], speeds_hz: Iterable[float]) -> float:
-    """Rate of the processing [Hz]: at most that of each torque and rack, and of the fastest recorded speed."""
+    """Rate of the processing [Hz]: at most that of torque and rack, and that of the fastest recorded speed."""
     return min([Processing().rate_hz, max(speeds_hz, default=math.inf), *levels_hz])
 
 

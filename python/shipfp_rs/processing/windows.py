@@ -1,4 +1,4 @@
-"""Windows of a trial in its log: rests and excitations by kind, within the log, without gaps, with motion, long enough."""
+"""Finds the windows of a trial in its log: stretches at rest, and excitations by kind."""
 
 from __future__ import annotations
 
@@ -23,14 +23,15 @@ from shipfp_rs.support.units import QUANTITIES, told
 Kind = Literal["steady", "sine", "sines", "multisine", "chirp", "squares", "prbs", "steps", "other"]
 
 CROSSED = 0.35
-"""Hysteresis of the crossings for frequencies, as a fraction of the amplitude."""
+"""Hysteresis of the crossings that determine frequencies, relative to the amplitude."""
 JUMPED = 1.5
-"""Distance from the mean, in amplitudes, above which a sample is a jump due to the signal generator's relay."""
+"""A sample is a jump of the signal generator's relay if its distance from the mean exceeds this many amplitudes."""
 SAME_FREQUENCY = 1.15
-"""Largest ratio between the last and first periods of an excitation with one frequency."""
+"""Largest ratio between the first and last periods of an excitation with a single frequency, or its inverse."""
 SWEPT, GROWTHS, REFINED = 0.1, np.geomspace(0.3, 12.0, 30), 3
-"""Largest deviation of a sweep's crossings from their fit [turns], logarithms of the frequency ratios that are
-tried, and rounds of it."""
+"""Largest deviation of a sweep's crossings from their fit [turns], logarithms of the frequency ratios that are tried,
+and number of refinements of these.
+"""
 
 IN_BAND = 0.95
 """Fraction of an excitation's power that defines its band."""
@@ -39,22 +40,19 @@ LINE_BINS, BETWEEN_LINES = 16, 0.4
 between its lines. For a swept frequency the two are similar, and for noise the median is 0.7 of the mean.
 """
 SAME_LINES = 0.8
-"""Least correlation between the spectral amplitudes of a window's halves; a multisine has the same lines in both."""
+"""Least correlation between the spectral amplitudes of a window's two halves; a multisine has the same lines in both."""
 REPEATS = 0.95
 """Least autocorrelation at one period of a periodic excitation."""
 AT_LEVELS = 0.8
-"""Least fraction of samples near the extremes in an excitation with two levels."""
+"""Least fraction of samples near one of the extremes in an excitation with two levels."""
 IN_RUNS, SHORTEST_RUN = 0.75, 3
-"""An excitation has several successive sines if at least this fraction of its half periods is in runs of equal half
-periods, each run with at least this many.
+"""An excitation consists of several successive sines if more than this fraction of its half periods is in runs of
+equal half periods; least number of half periods in a run.
 """
 
 
 def kind_of(deviation: Array, rate_hz: float, *, swings: bool) -> tuple[Kind, tuple[float, float] | None]:
-    """Kind of an excitation and its first and last frequency [Hz]; None if the excitation hardly crosses its middle.
-
-    `swings`: the excitation moves most of the time. A stair does not, and has no spectral lines.
-    """
+    """Kind of an excitation, and its first and last frequency [Hz] (None if it hardly crosses its middle)."""
     crossings = _crossings(deviation) / rate_hz
     halves = np.diff(crossings)
     if len(halves) < 2:
@@ -68,6 +66,7 @@ def kind_of(deviation: Array, rate_hz: float, *, swings: bool) -> tuple[Kind, tu
     if ratio < SAME_FREQUENCY and alike:
         mean = 0.5 * len(halves) / float(crossings[-1] - crossings[0])
         return "sine", (mean, mean)
+    # A stair rests most of the time, so `swings` is false; it has no spectral lines.
     if swings and (band := _lines(deviation, rate_hz)) is not None:
         return "multisine", band
     if _come_in_runs(halves):
@@ -81,7 +80,7 @@ def kind_of(deviation: Array, rate_hz: float, *, swings: bool) -> tuple[Kind, tu
 
 
 def _swept(crossings: Array, duration_s: float) -> tuple[float, float] | None:
-    """First and last frequency [Hz] of a linear or exponential sweep through these crossings [s]; None for others."""
+    """First and last frequency [Hz] of a linear or exponential sweep with these crossings [s]; None if it is not a sweep."""
     turns = 0.5 * np.arange(len(crossings))
     time = crossings / duration_s
 
@@ -108,14 +107,14 @@ def _swept(crossings: Array, duration_s: float) -> tuple[float, float] | None:
 
 
 def _has_two_levels(samples: Array) -> bool:
-    """Whether most samples are near one of the two extremes."""
+    """Whether most samples are near one of the extremes."""
     extremes = np.quantile(samples, [0.02, 0.98])
     near = np.abs(samples[:, None] - extremes).min(axis=1) < 0.1 * float(np.ptp(extremes))
     return bool(near.mean() > AT_LEVELS)
 
 
 def _come_in_runs(halves: Array) -> bool:
-    """Whether half periods form two or more runs, each of one frequency."""
+    """Whether half periods form two or more runs, each with a single frequency."""
     logs, same = np.log(halves), math.log(SAME_FREQUENCY)
     parts = np.split(logs, np.flatnonzero(np.abs(np.diff(logs)) > same) + 1)
     runs_ = [len(part) for part in parts if len(part) >= SHORTEST_RUN and abs(part[-1] - part[0]) < same]
@@ -123,7 +122,7 @@ def _come_in_runs(halves: Array) -> bool:
 
 
 def _lines(samples: Array, rate_hz: float) -> tuple[float, float] | None:
-    """Lowest and highest frequency of a sum of sines [Hz]; None for anything else."""
+    """Lowest and highest frequency of a sum of sines [Hz]; None for other signals."""
     deviation = samples - samples.mean()
     power = np.abs(np.fft.rfft(deviation * np.hanning(len(samples)))) ** 2
     power[:1] = 0.0
@@ -134,7 +133,7 @@ def _lines(samples: Array, rate_hz: float) -> tuple[float, float] | None:
         int(np.searchsorted(held, share)) for share in (0.5 * (1.0 - IN_BAND), 0.5 * (1.0 + IN_BAND))
     )
     blocks = power[low : low + (high - low) // LINE_BINS * LINE_BINS].reshape(-1, LINE_BINS)
-    # Ranges without a line have little power and so little weight.
+    # Ranges without a line have little power, and so little weight.
     between = np.median(blocks, axis=1).sum() / blocks.mean(axis=1).sum() if len(blocks) > 1 else 1.0
     if _repeats(deviation) or (between < BETWEEN_LINES and _stays(deviation, low // 2, high // 2 + 1)):
         return low * rate_hz / len(samples), high * rate_hz / len(samples)
@@ -175,7 +174,7 @@ def _crossings(deviation: Array) -> Array:
 
 
 SHORTEST_S = 20.5
-"""Shortest window [s], slightly longer than the fit of a slow ship requires. In a shorter log, windows may be shorter."""
+"""Shortest window [s], slightly longer than the fit of a slow ship requires. In a short log, windows may be shorter."""
 LEAST_SWING = 2e-3
 """Smallest standard deviation of an excitation, relative to its level, for units of speed, torque or power."""
 
@@ -183,7 +182,7 @@ LEAST_SWING = 2e-3
 def proposed(
     log: Log, drives: Sequence[str], mover: str, start_s: float = -math.inf, stop_s: float = math.inf
 ) -> list[FoundWindow]:
-    """Find windows, divide them at gaps, extend short ones into adjacent rests, and turn those without motion into rests."""
+    """Find windows, cut them at gaps, extend short ones into adjacent rests, and turn those without motion into rests."""
     whole = _whole(log, drives, start_s, stop_s)
     least_s = min(SHORTEST_S, max((stop - start for start, stop in whole), default=0.0))
     cut = [
@@ -213,7 +212,7 @@ def proposed(
 
 
 def _whole(log: Log, drives: Sequence[str], start_s: float, stop_s: float) -> list[tuple[float, float]]:
-    """Parts of a stretch in which no input of the model is missing for longer than can be bridged [s]."""
+    """Parts of a stretch [s] in which no input of the model has a gap too long to be bridged."""
     channels = [log.channel(name) for name in drives]
     start_s = max(start_s, *(one.start_s for one in channels))
     stop_s = min(stop_s, *(one.stop_s for one in channels))
@@ -232,7 +231,7 @@ def _whole(log: Log, drives: Sequence[str], start_s: float, stop_s: float) -> li
 
 
 def _swings(log: Log, mover: str, window: FoundWindow) -> bool:
-    """Whether a window has enough motion for a fit. Always true for volts, whose zero is arbitrary."""
+    """Whether a window has enough motion for a fit; always true for volts, whose zero is arbitrary."""
     known = any(told(log.channel(mover).unit) in quantity.factors for quantity in QUANTITIES.values())
     if window.kind == "steady" or not known:
         return window.kind != "steady"
@@ -241,29 +240,29 @@ def _swings(log: Log, mover: str, window: FoundWindow) -> bool:
 
 
 COARSE_HZ = 200.0
-"""Rate to which the set point is averaged; it preserves sines of 30 Hz."""
+"""Rate to which the set point is averaged [Hz]; it preserves sines of 30 Hz."""
 BLOCK_S, BLOCK_SAMPLES = 0.5, 5
-"""Least length [s] and samples of the blocks whose medians are the levels; a jump of a relay is much shorter."""
+"""Least length [s] and number of samples of a block, whose median is a level; a jump of a relay is much shorter."""
 LEAST_REST_S, REST_BLOCKS = 10.0, 8
-"""Shortest stretch of the set point at rest [s], and its least blocks. The crest of a slow sine is level for less time,
-or visibly curved.
+"""Shortest stretch of the set point at rest [s], and least number of its blocks. The crest of a slow sine is level for
+a shorter time, or visibly curved.
 """
 AT_REST = 6.0
 """Largest deviation of a block's median from the level of a stretch at rest, in standard deviations."""
 BEND = 2.5
-"""Largest coefficient of a line or parabola through a stretch at rest [standard deviations]; at a slow sine's crest it
-is larger.
+"""Largest coefficient of a line or parabola through a stretch at rest [standard deviations]; it is larger at the crest
+of a slow sine.
 """
 SWINGS = 1.5
-"""Ratio of a block's spread to the noise above which the set point oscillates faster than blocks can resolve."""
+"""If a block's spread exceeds the noise by this factor, the set point oscillates faster than blocks can resolve."""
 STEP_BLOCKS = 3
 """Longest change between two levels that counts as a step [blocks]."""
 STAIR, RISERS = 0.75, 0.2
-"""A signal is a stair if the `RISERS` of its blocks with the largest changes contain at least `STAIR` of the total
-change. Stairs reach 0.8 and more; sines, chirps and noise at most half.
+"""A signal is a stair if the fraction `RISERS` of its blocks, those with the largest changes, has more than the
+fraction `STAIR` of the total change. Stairs have 0.8 and more; sines, chirps and noise have at most half.
 """
 LONG_HOLD = 2.5
-"""A series of steps ends if no step follows for this multiple of the usual time between its steps."""
+"""A series of steps ends if no step follows within this multiple of the usual time between its steps."""
 LONGEST_S = 4.0 * 3600.0
 """Longest excitation [s]; longer motion without a stretch at rest is the ship's normal operation."""
 _LETTERS: Mapping[Kind, str] = {
@@ -274,61 +273,25 @@ _LETTERS: Mapping[Kind, str] = {
 
 @dataclass(frozen=True)
 class FoundWindow:
-    """Stretch of one kind.
-
-    Parameters
-    ----------
-    name
-        Letter of the kind and a number: R stretch at rest, S one or more sines, M multisine, C chirp, Q square waves, P
-        pseudo-random steps, St steps, X anything else.
-    kind
-        Kind of motion of the set point.
-    start_s, stop_s
-        Start and stop on the log's clock [s].
-    level
-        Mean of the set point, as recorded.
-    frequency_hz
-        First and last frequency [Hz], of a multisine the lowest and highest; equal for a sine, None at rest and for steps.
-    """
+    """Stretch of one kind of motion."""
 
     name: str
+    """Letter of the kind and a number: R at rest, S one or more sines, M multisine, C chirp, Q square waves, P pseudo-random
+    steps, St steps, X anything else.
+    """
     kind: Kind
     start_s: float
     stop_s: float
     level: float
+    """Mean of the set point, as recorded."""
     frequency_hz: tuple[float, float] | None = None
+    """First and last frequency [Hz], of a multisine lowest and highest; equal for a sine, None at rest and for steps."""
 
 
 def find_windows(
     log: Log, set_point: str, start_s: float = -math.inf, stop_s: float = math.inf
 ) -> list[FoundWindow]:
-    """Find the stretches at rest and the excitations of a set point or a load, and the kind of each window.
-
-    The set point is at rest where the medians of half seconds are constant within their noise. Between two stretches at rest
-    there is a step if the level changes at once, else one excitation. A multisine is recognised by spectral lines or
-    periodicity; a sine, several sines or a chirp by the times between crossings of the mean; square waves and pseudo-random
-    steps by their two levels. A stair of levels too short for stretches at rest counts as steps. Excitations without a
-    stretch at rest between them count as one.
-
-    Parameters
-    ----------
-    log
-        The recording.
-    set_point
-        Name of the set point's channel.
-    start_s, stop_s
-        Stretch to search, on the log's clock [s]; the noise is estimated from the whole channel.
-
-    Returns
-    -------
-    list of FoundWindow
-        Windows in order of time. A window of steps starts at the first step and ends after the last one by the usual time
-        between two steps; the stretches at rest within the window are listed as well.
-
-    Raises
-    ------
-    InputError
-        If the channel is missing, too short, or too slow.
+    """Find the stretches at rest and the excitations of a set point or a load, and the kind of each; in order of time.
 
     Examples
     --------
@@ -339,6 +302,8 @@ def find_windows(
     >>> [(found.kind, round(found.start_s), round(found.stop_s)) for found in find_windows(log, "U")]
     [('steady', 0, 30), ('sine', 30, 90), ('steady', 90, 120)]
     """
+    # The set point is at rest where the medians of half seconds are constant within the noise of the whole channel.
+    # Between two stretches at rest there is a step if the level changes at once, else one excitation.
     trace = _Trace.of(log, set_point).part(start_s, stop_s)
     rests = trace.rests()
     found = [FoundWindow("", "steady", *trace.times(rest), trace.level(rest)) for rest in rests]
@@ -363,7 +328,7 @@ def numbered(found: Iterable[FoundWindow]) -> list[FoundWindow]:
 
 
 def longest_rest(windows: Sequence[FoundWindow]) -> FoundWindow | None:
-    """Longest stretch at rest at the level about which most excitations oscillate; None if there is no stretch at rest."""
+    """Longest stretch at rest near the level about which most excitations oscillate; None if nothing rests."""
     rests = [window for window in windows if window.kind == "steady"]
     if not rests:
         return None
@@ -379,7 +344,7 @@ def longest_rest(windows: Sequence[FoundWindow]) -> FoundWindow | None:
 
 @dataclass(frozen=True)
 class _Trace:
-    """Set point at a coarse rate: medians and spreads of its blocks; the samples stay in the log."""
+    """Medians and spreads of a set point's blocks, at a coarse rate; the samples stay in the log."""
 
     log: Log
     channel: Channel
@@ -388,7 +353,7 @@ class _Trace:
     spreads: Array
     noise: float
     first: int = 0
-    """Index of the first median's block."""
+    """Index in the channel of the first block."""
 
     @classmethod
     def of(cls, log: Log, name: str) -> _Trace:
@@ -407,8 +372,8 @@ class _Trace:
         known = np.isfinite(medians)
         if not known.any():
             raise InputError(f"{log.name}: channel {name!r} holds no finite sample")
-        # The spread of a block has a relative standard deviation of 1.17 / sqrt(samples). The 10 % quantile of normally
-        # distributed spreads is 1.28 standard deviations below the mean.
+        # The spread of a block has a relative standard deviation of 1.17 / sqrt(samples).
+        # The 10 % quantile of normally distributed spreads is 1.28 standard deviations below the mean.
         quiet = float(np.quantile(spreads[known], 0.1)) / (1.0 - 1.28 * 1.17 / math.sqrt(block))
         noise = max(quiet, 8.0 * float(np.spacing(largest)))
         return cls(log, channel, ratio, bridge(medians), spreads, noise)
@@ -434,7 +399,7 @@ class _Trace:
 
     @property
     def least_rest(self) -> int:
-        """Least blocks of a stretch at rest."""
+        """Least number of blocks in a stretch at rest."""
         return max(math.ceil(LEAST_REST_S / self.block_s - 1e-6), REST_BLOCKS)
 
     @property
@@ -448,7 +413,7 @@ class _Trace:
         return first, stop
 
     def samples(self, blocks: tuple[int, int]) -> Array:
-        """Samples of a stretch at the coarse rate, gaps bridged; empty if all are missing."""
+        """Samples of a stretch at the coarse rate, with gaps bridged; empty if all are missing."""
         start_s, stop_s = self.times(blocks)
         stop_s = min(stop_s, self.channel.stop_s)
         found = np.concatenate([*mean_pieces(self.log, self.channel.name, self.ratio, start_s, stop_s)])
@@ -460,7 +425,7 @@ class _Trace:
     def rests(self) -> list[tuple[int, int]]:
         """Stretches of blocks at one level."""
         still = self.spreads < SWINGS * self.noise + self.level_noise
-        # A relay jump affects one or two blocks.
+        # A jump of the relay affects one or two blocks.
         still[1:-1] |= still[:-2] & still[2:]
         found = []
         for first, stop in runs(still).tolist():
@@ -474,7 +439,7 @@ class _Trace:
         return found
 
     def _rest_from(self, first: int, stop: int) -> int:
-        """End of the run of blocks that have the same level as the first blocks."""
+        """End of the run of blocks at the level of the first blocks."""
         least = self.least_rest
         if stop - first < least:
             return first
@@ -488,39 +453,40 @@ class _Trace:
         return stop if not away.size else first + int(away[0])
 
     def _bends(self, first: int, stop: int) -> bool:
-        """Whether the levels of a stretch follow a line or a parabola rather than stay constant."""
+        """Whether the levels of a stretch follow a line or a parabola, instead of being constant."""
         time = np.linspace(-1.0, 1.0, stop - first)
         _, slope, bend = np.polynomial.legendre.legfit(time, self.medians[first:stop], 2)
         return bool(max(abs(slope), 1.5 * abs(bend)) > BEND * self.level_noise)
 
     def excitation(self, first: int, stop: int) -> FoundWindow:
-        """Window between two stretches at rest."""
+        """Make the window between two stretches at rest."""
         start_s, stop_s = self.times((first, stop))
         samples = self.samples((first, stop)) if stop_s - start_s <= LONGEST_S else np.empty(0)
         if not samples.size:
             return FoundWindow("", "other", start_s, stop_s, self.level((first, stop)))
-        # A stair is constant most of the time.
+        # A stair is constant most of the time, so it does not swing.
         swings = np.mean(self.spreads[first:stop] > SWINGS * self.noise + self.level_noise) > 0.5
         level = 0.5 * float(np.quantile(samples, 0.02) + np.quantile(samples, 0.98))
         kind, frequency_hz = kind_of(samples - level, self.rate_hz, swings=bool(swings))
+        # A stair of levels too short for stretches at rest counts as steps.
         if not swings and kind in ("sine", "sines", "chirp", "other") and self._is_stair(first, stop):
             kind, frequency_hz = "steps", None
         return FoundWindow("", kind, start_s, stop_s, level, frequency_hz)
 
     def _is_stair(self, first: int, stop: int) -> bool:
-        """Whether the set point is a staircase: constant levels, with a sudden change from each level to the next."""
+        """Whether the set point is a staircase: constant levels with sudden changes between them."""
         changes = np.sort(np.abs(np.diff(self.medians[max(first - 1, 0) : stop + 1])))
         risers = max(round(RISERS * len(changes)), 1)
         return bool(changes[-risers:].sum() > STAIR * changes.sum())
 
 
 def is_held(channel: Channel) -> bool:
-    """Whether a sample lasts as long as a rest: a set point's are then levels, logged when they change."""
+    """Whether a sample lasts as long as a rest, as in a log of set points that are recorded on change."""
     return channel.rate_hz * LEAST_REST_S <= 1.0
 
 
 def _block(channel: Channel, ratio: int) -> int:
-    """Samples of a block, at the coarse rate."""
+    """Number of samples in a block, at the coarse rate."""
     return max(round(BLOCK_S * channel.rate_hz / ratio), BLOCK_SAMPLES)
 
 
@@ -534,7 +500,7 @@ def _levels(pieces: Iterable[Array], block: int) -> tuple[Array, Array, float]:
         some, full = known.any(axis=1), known.all(axis=1)
         for chosen, median in ((full, np.median), (some & ~full, np.nanmedian)):
             middle[chosen] = median(rows[chosen], axis=1)
-            # The spread is from the median of absolute deviations, since relay jumps are rare.
+            # The median of absolute deviations is insensitive to jumps of the relay, which are rare.
             spread[chosen] = ROBUST_SIGMA * median(np.abs(rows[chosen] - middle[chosen, None]), axis=1)
         medians.append(middle)
         spreads.append(spread)
@@ -543,7 +509,7 @@ def _levels(pieces: Iterable[Array], block: int) -> tuple[Array, Array, float]:
 
 
 def _steps(trace: _Trace, rests: list[tuple[int, int]]) -> list[FoundWindow]:
-    """Series of steps: successive stretches at rest, at different levels, without an excitation between them."""
+    """Windows of steps: successive stretches at rest at different levels, without an excitation between them."""
     series: list[list[int]] = [[]]
     ends: list[tuple[int, int]] = []
     for before, after in itertools.pairwise(rests):
@@ -563,6 +529,7 @@ def _steps(trace: _Trace, rests: list[tuple[int, int]]) -> list[FoundWindow]:
         # A pause much longer than the usual time between steps separates two series.
         for part in np.split(edges, np.flatnonzero(np.diff(edges) > LONG_HOLD * hold) + 1):
             if part.size:
+                # A window of steps ends after the last step by the usual time between two steps.
                 stop = dict(ends)[int(part[-1])]
                 stretch = (int(part[0]), int(min(part[-1] + hold, stop)))
                 found.append(FoundWindow("", "steps", *trace.times(stretch), trace.level(stretch)))

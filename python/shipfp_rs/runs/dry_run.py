@@ -35,39 +35,25 @@ LITTLE = 0.9
 
 @dataclasses.dataclass(frozen=True)
 class Check:
-    """Result of a dry run.
-
-    Parameters
-    ----------
-    trial, vessel
-        Names.
-    channels
-        Channels read: log, column, meaning, unit, rate, samples.
-    windows
-        For each window after cleaning: `use`, whether it is fitted or held out; fraction of usable samples of every signal,
-        faults by kind.
-    operating_point
-        Value of each signal.
-    structure, outputs
-        Structure and outputs of the fit.
-    tried
-        Additional elements that the fit tries.
-    expected
-        Expected accuracy of the fit, at a first estimate and without the elements that a run tries.
-    missing
-        Missing information and its consequence, one line each.
-    """
+    """Result of a dry run; `operating_point` has the value of each signal."""
 
     trial: str
     vessel: str
     channels: tuple[dict[str, Any], ...]
+    """Channels read: log, column, meaning, unit, rate, samples."""
     windows: tuple[dict[str, Any], ...]
+    """For each window after cleaning: `use` (fit or validation), fraction of usable samples of each signal, faults by
+    kind.
+    """
     operating_point: dict[str, float]
     structure: str
     outputs: tuple[str, ...]
     tried: tuple[str, ...]
+    """Additional elements that the fit tries."""
     expected: Fingerprint
+    """Expected accuracy of the fit, at a first estimate and without the elements in `tried`."""
     missing: tuple[str, ...]
+    """Missing information and its consequence, one line each."""
 
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON form."""
@@ -78,22 +64,7 @@ class Check:
 
 
 def check(path: str | Path, *, notify: Notify = lambda _: None) -> Check:
-    """Read, clean and resample a trial's windows as in a run, make a first estimate, and stop before the fit.
-
-    Parameters
-    ----------
-    path
-        TRIAL.toml.
-    notify
-        Function called with a text on the current activity.
-
-    Raises
-    ------
-    InputError
-        If a run would be rejected.
-    IdentificationError
-        If no start leads to a ship that can be simulated.
-    """
+    """Read, clean and resample a trial's windows as in a run, make a first estimate, and stop before the fit."""
     notify("reading the trial")
     trial = Trial.load(path)
     vessel = Vessel.load(trial.trial.vessel)
@@ -135,7 +106,7 @@ def check(path: str | Path, *, notify: Notify = lambda _: None) -> Check:
 
 
 def _named(trial: Trial, expected: Fingerprint) -> str:
-    """Structure from which a run selects by the data: the full ship, or the open-loop drive."""
+    """Name of the structure from which a run selects by the data: the full ship, or an open-loop drive."""
     return FULL_SHIP if trial.channels.command is None else f"a drive in {expected.structure['name']}"
 
 

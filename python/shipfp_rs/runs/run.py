@@ -1,4 +1,4 @@
-"""Run: TRIAL.toml to log, experiments, fingerprint and report, in a folder that is written atomically."""
+"""Run of a trial: reads TRIAL.toml and its logs, writes experiments, fingerprint and report into a folder, atomically."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from shipfp_rs.vessel.vessel import Vessel
 
 
 def choice(trial: Trial, experiments: Sequence[Experiment], vessel: Vessel) -> dict[str, Any]:
-    """Arguments of `identify` from a trial's [identify] table, for a selection by the data."""
+    """Arguments of `identify` from a trial's [identify] table, if the data select the structure."""
     options, place = trial.identify, located(trial)
     outputs = list(options.outputs) if "outputs" in options.model_fields_set else None
     return {
@@ -43,7 +43,7 @@ def choice(trial: Trial, experiments: Sequence[Experiment], vessel: Vessel) -> d
 
 
 def drawn(trial: Trial, experiments: Sequence[Experiment], vessel: Vessel) -> dict[str, tuple[float, float]]:
-    """Priors from the vessel's file and from the torsional calculation, which prevails."""
+    """Priors from the vessel's file and from the torsional calculation, which takes precedence."""
     found, line = vessel_priors(vessel, experiments, trial.identify.vessel_std_pct), trial.torsion
     if line is not None:
         found |= torsional_priors(line.file, experiments, vessel, gauge=line.gauge, std_pct=line.std_pct)
@@ -51,13 +51,7 @@ def drawn(trial: Trial, experiments: Sequence[Experiment], vessel: Vessel) -> di
 
 
 def structure_from(options: Identify, located: Torque | None) -> Structure:
-    """Ship declared by an [identify] table; `located` is where its torque was measured, None if no torque was measured.
-
-    Raises
-    ------
-    InputError
-        If the table names an unknown element, parameter or output.
-    """
+    """Ship declared by an [identify] table; `located` is the location of the measured torque, None if none was measured."""
     structure = Structure.ship(
         options.acting,
         torque=options.torque or located or "brake",
@@ -68,13 +62,13 @@ def structure_from(options: Identify, located: Torque | None) -> Structure:
 
 
 def with_drawn(structure: Structure, known: Mapping[str, tuple[float, float]]) -> Structure:
-    """Return a declared structure with these priors of its parameters of which nothing else is declared."""
+    """Add priors to those free parameters of a declared structure that have none."""
     free = {one.name for one in structure.free if one.prior is None}
     return structure.with_prior(**{name: prior for name, prior in known.items() if name in free})
 
 
 def located(trial: Trial) -> Torque | None:
-    """Location of a trial's measured torque; None without one."""
+    """Location of a trial's measured torque; None if none was measured."""
     return None if trial.channels.torque is None else trial.channels.torque.place
 
 
@@ -88,7 +82,7 @@ RESULTS = (MARKER, "report.html", "experiments.parquet", "validation.parquet", "
 """Names of the files in the folder of a run."""
 
 DRAWN = 100
-"""Draws whose scatter is the band about a held-out window."""
+"""Number of drawn ships, whose scatter is the band about a held-out window."""
 
 PREDICTED = Sentence("Held out and predicted: {windows}.")
 OF_WINDOW = Sentence("{name}, {output} to {fit} %, {inside} % of its samples in the 95 % band")
@@ -110,7 +104,7 @@ Notify = Callable[[str], None]
 
 @dataclass(frozen=True)
 class Run:
-    """Result of a run; `experiments` are the fitted ones, `held_out` the predictions of the others."""
+    """Result of a run; `experiments` has the fitted ones, `held_out` the predictions of the others."""
 
     fingerprint: Fingerprint
     experiments: tuple[Experiment, ...]
@@ -134,20 +128,20 @@ def run(
     path
         TRIAL.toml.
     out
-        Folder to write; that of a previous run is replaced.
+        Folder to write; the folder of a previous run is replaced.
     seed
-        Seed of the random starts; None: that of the trial.
+        Seed of the random starts; by default that of the trial.
     force
-        Whether to write into a folder that has other files; these are kept.
+        Whether to write into a folder that has other files, which are kept.
     language
-        Language of the report; None: that of the trial.
+        Language of the report; by default that of the trial.
     notify
-        Called with the current activity.
+        Function called with a text on the current activity.
 
     Returns
     -------
     Run
-        `fingerprint` and `experiments`, as they also lie in the folder.
+        Run with `fingerprint` and `experiments`, which are also in the folder.
 
     Raises
     ------
@@ -177,10 +171,7 @@ def evaluate(
     language: str | None = None,
     notify: Notify = lambda _: None,
 ) -> Run:
-    """Process and identify a trial and write fingerprint, experiments and report into an existing folder.
-
-    `truth` and `also` are content of the report, see `report.write_report`.
-    """
+    """Process and identify a trial, and write the results into an existing folder; `truth`, `also`: see `write_report`."""
     notify("reading and cleaning the log")
     vessel = Vessel.load(trial.trial.vessel)
     declared = None if trial.identify.chooses else structure_from(trial.identify, located(trial))
@@ -244,13 +235,13 @@ def evaluate(
 
 
 def _dials(trial: Trial) -> dict[str, Any]:
-    """Return what the governor's dials showed, as settings."""
+    """Settings of the governor's dials, as settings of the fingerprint."""
     told = trial.governor.model_dump(exclude_none=True)
     return {"governor": told} if told else {}
 
 
 def split(trial: Trial, experiments: Sequence[Experiment]) -> tuple[list[Experiment], list[Experiment]]:
-    """Return the experiments to fit, and those that are held out."""
+    """Return the experiments to fit, and those held out."""
     held = {window.name for window in trial.windows if window.use == "validation"}
     return [one for one in experiments if one.name not in held], [
         one for one in experiments if one.name in held
@@ -260,7 +251,7 @@ def split(trial: Trial, experiments: Sequence[Experiment]) -> tuple[list[Experim
 def _predicted(
     fingerprint: Fingerprint, others: Sequence[Experiment], structure: Structure
 ) -> tuple[HeldOut, ...]:
-    """Predict the windows that are held out, with the band of drawn ships, or of the covariance where none can be drawn."""
+    """Predict the held-out windows, with the band of drawn ships, or of the covariance if none can be drawn."""
     ships = None
     if others and fingerprint.engine_described:
         with contextlib.suppress(ShipfpError):
@@ -286,7 +277,7 @@ def _of_predictions(predicted: Sequence[HeldOut]) -> Iterator[Sentence]:
 
 
 def _without_torque(fingerprint: Fingerprint, trial: Trial) -> Iterator[Sentence]:
-    """Yield what is determined without a torque: with a load all but a difference of parameters, else ratios."""
+    """Yield what a fit without torque determines: with a load, all but a difference of parameters, else ratios."""
     if trial.channels.torque is not None or trial.channels.command is not None:
         return
     if "load" not in fingerprint.structure.get("elements", ()):

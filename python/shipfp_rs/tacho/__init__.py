@@ -1,4 +1,4 @@
-"""Pulse trains to shaft speed: crossing times, repair, reflector angles, speed per interval, uniform grids, fusion."""
+"""Pulse trains to shaft speed: crossing times, repair, angles of reflectors, speeds of intervals, uniform grids, fusion."""
 
 from shipfp_rs.tacho.angles import ReflectorAngles, reflector_angles
 from shipfp_rs.tacho.crossings import PulseTimes, pulse_times

@@ -12,10 +12,12 @@ from shipfp_rs.support.arrays import Array
 from shipfp_rs.tacho.tracks import PulseFlag, Track, checked_times, cut_tracks
 
 _STEADY = 0.02
-"""Largest relative change of speed within a turn that is used to measure the reflectors."""
+"""Largest relative change of speed within a turn from which the reflectors are measured."""
 _LEAST_TURNS = 20
 _WORST_ANGLE = 0.002
-"""Largest standard deviation of a spacing, relative to the even spacing, at which the estimate is used."""
+"""Largest standard deviation of an angle between reflectors, relative to the even angle, at which the estimate is
+used.
+"""
 
 
 @dataclass(frozen=True)
@@ -29,9 +31,9 @@ class ReflectorAngles:
     std
         Standard deviations of `fractions`, shape (P,).
     ok
-        Whether the data determine the angles; if not, they are even.
+        Whether the pulses determine the angles; if not, `fractions` are equal.
     reason
-        Why `ok` is false, else empty.
+        Reason if `ok` is false, else empty.
     """
 
     fractions: Array
@@ -46,10 +48,10 @@ def reflector_angles(
 ) -> ReflectorAngles:
     """Estimate the angles between the reflectors of a shaft from the pulses.
 
-    Each period is divided by the time of the turn centred on it; that time does not depend on the reflectors'
-    angles. The mean of this ratio over all steady turns is the angle. Speed variations at whole orders of the
-    rotation can't be distinguished from uneven angles. Only the longest stretch without a break is used,
-    since a break loses the count of reflectors. Single missed pulses do not shift the count.
+    Each period is divided by the duration of the turn centred on it, which does not depend on the reflectors' angles.
+    The mean of this ratio over all steady turns is the angle. Speed variations at whole orders of the rotation can't
+    be distinguished from uneven angles. Only the longest stretch without a break is used, since the count of
+    reflectors is lost in a break. Single missed pulses do not shift the count.
 
     Parameters
     ----------
@@ -63,7 +65,7 @@ def reflector_angles(
     Returns
     -------
     ReflectorAngles
-        The first fraction belongs to the first interval of the longest stretch. `ok` is false, with a reason, where there
+        The first fraction belongs to the first interval of the longest stretch. `ok` is false, with a reason, if there
         are too few turns, the speed changes too much or the scatter is too large.
 
     Notes
@@ -91,7 +93,7 @@ def reflector_angles(
         )
     mean, std = np.empty(pulses_per_rev), np.empty(pulses_per_rev)
     for k in range(pulses_per_rev):
-        # Means of ten parts of the record: their scatter also includes slow errors, such as a slipped count.
+        # The scatter of the means of ten parts of the record also includes slow errors, such as a slipped count.
         parts = [part.mean() for part in np.array_split(ratio[steady & (phase == k)], 10)]
         mean[k], std[k] = np.mean(parts), np.std(parts, ddof=1) / np.sqrt(len(parts))
     fractions, std = mean / mean.sum(), std / mean.sum()
@@ -104,14 +106,14 @@ def reflector_angles(
 def _period_ratios(
     track: Track, pulses_per_rev: int
 ) -> tuple[Array, npt.NDArray[np.bool_], npt.NDArray[np.int64]]:
-    """Periods as fractions of the turn centred on them, whether the speed is steady, and index within the turn."""
+    """Ratio of each period to the turn centred on it, whether the speed is steady, and the period's index in the turn."""
     good = (track.flags == PulseFlag.GOOD) & track.usable
     periods = np.repeat(np.where(good, np.diff(track.edges_s), np.nan), track.count)
     phase = np.arange(len(periods)) % pulses_per_rev
     ratio = np.full(len(periods), np.nan)
     steady = np.zeros(len(periods), dtype=np.bool_)
     half, odd = divmod(pulses_per_rev, 2)
-    # With an even number of periods, a turn is centred on a period by half of a period at each end.
+    # With an even number of periods, a turn centred on a period begins and ends with half a period.
     weights = np.ones(pulses_per_rev) if odd else np.r_[0.5, np.ones(pulses_per_rev - 1), 0.5]
     if len(periods) < 3 * pulses_per_rev + 1:
         return ratio, steady, phase
@@ -126,17 +128,13 @@ def _period_ratios(
 
 
 def align_angles(track: Track, angles: ReflectorAngles) -> tuple[Array, Array]:
-    """Fractions and their relative standard deviations, rotated to start at the track's first interval.
-
-    If the track is too short to identify its first interval, the fractions are equal and their standard
-    deviation is the scatter of the true fractions.
-    """
+    """Fractions and their relative standard deviations, rotated to start at the track's first interval."""
     count = len(angles.fractions)
     if count == 1:
         return angles.fractions, angles.std / angles.fractions
     ratio, steady, phase = _period_ratios(track, count)
     seen = np.bincount(phase[steady], minlength=count)
-    if seen.min() < _LEAST_TURNS:
+    if seen.min() < _LEAST_TURNS:  # too short to identify the first interval: equal fractions
         return np.full(count, 1.0 / count), np.full(count, np.std(angles.fractions) * count)
     mean = np.bincount(phase[steady], ratio[steady], minlength=count) / np.maximum(seen, 1)
     turned = [np.roll(angles.fractions, -k) for k in range(count)]

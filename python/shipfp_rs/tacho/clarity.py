@@ -1,4 +1,4 @@
-"""Decide which crossings of a pulse train are pulses, and where pulses are lost in noise."""
+"""Decides which crossings of a pulse train are pulses, and finds stretches where pulses are lost in noise."""
 
 from __future__ import annotations
 
@@ -15,41 +15,41 @@ AT_REST = 1 / 3
 shaft is at rest.
 """
 NEAR_LIMIT = 1.2
-"""Near pulses that are lower than this multiple of the limit, further pulses may be lost in noise."""
+"""If pulses are lower than this multiple of the limit, other pulses nearby may be lost in noise."""
 FAR_FROM_LIMIT = 2.0
-"""Noise does not raise a height above this multiple of the limit."""
+"""A pulse higher than this multiple of the limit can't be noise."""
 _LIMIT = 14.0
-"""Limit of the height, in standard deviations of the noise."""
+"""Least height of a pulse, in standard deviations of the noise."""
 _DENSE = 10.0
-"""Samples per pulse below which the noise can't be measured and the limit does not show whether pulses were lost."""
+"""With fewer samples per pulse, the noise can't be measured, and the limit does not show whether pulses were lost."""
 IN_A_ROW = 20
-"""Number of successive periods of nearly equal length that identifies pulses; noise has less than half as many in a row."""
+"""This many successive periods of nearly equal length are pulses; noise has less than half as many in a row."""
 _EVEN = 0.25
-"""Largest relative difference of a period in an even row from the mean of both neighbouring periods."""
+"""Largest relative difference between a period of an even row and the mean of its two neighbours."""
 _MARGIN = 2
 _UNTOLD = 16
 _NEIGHBOURS = 7
 _GRID = 1.2
-"""Largest difference between periods of an even pulse train [samples]: either end of a period lies between two samples."""
+"""Largest difference between periods of an even pulse train [samples], since both ends of a period lie between
+samples.
+"""
 _MOST_TEETH = 3
-"""Longest gap of a toothed wheel, in periods."""
+"""Longest gap of a wheel with missing teeth, in periods."""
 _SAME_HEIGHT, _SAME_PERIOD = 2.0, 1.6
 """Low pulses continue a train if heights and periods differ by less than these ratios; mains hum at rest
 differs by more.
 """
 _SILENCE = 5.5
-"""After this many periods without a pulse the train has stopped; in a shorter break, pulses were missed."""
+"""After this many periods without a pulse, the train has stopped; in a shorter break, pulses were missed."""
 
 
 def without_noise(times: Array, heights: Array, limits: Array) -> Array:
-    """Pulse heights (N,) minus the height that noise adds to the extremes of half a pulse; a height of 0 stays 0.
-
-    The largest of m normally distributed numbers is about sqrt(2 ln m) - 0.6 standard deviations above their mean.
-    """
+    """Pulse heights (N,) minus the height that noise adds to the extremes of half a pulse; a height of 0 stays 0."""
     if len(times) < 2:
         return heights
     periods = np.diff(times)
     samples = 0.5 * np.maximum(np.append(periods[0], periods), np.append(periods, periods[-1]))
+    # The largest of m normally distributed numbers is about sqrt(2 ln m) - 0.6 standard deviations above their mean.
     pushed = np.maximum(np.sqrt(2.0 * np.log(np.maximum(samples, 1.0))) - 0.6, 0.0)
     return np.asarray(
         np.where(heights > 0.0, np.maximum(heights - 2.0 * pushed * limits / _LIMIT, 1e-300), heights)
@@ -57,15 +57,12 @@ def without_noise(times: Array, heights: Array, limits: Array) -> Array:
 
 
 def clear_pulses(times: Array, heights: Array, limits: Array, usual: float) -> Flags:
-    """Mark the crossings that are pulses: higher than their limits, or evenly spaced.
-
-    Heights are 0 for crossings without turning points nearby, and NaN if not needed.
-    """
+    """Mark the crossings that are pulses: higher than their limits, or evenly spaced. Unneeded heights are NaN."""
     clear = ~((heights < limits) | (heights < AT_REST * usual))
     if clear.all():
         return clear
     kept = clear | _in_rows(times, ~clear, (heights < limits) & (heights > 0.0))
-    # A crossing without turning points nearby, for example beside a spike, counts only between pulses.
+    # The height is 0 without turning points nearby, for example beside a spike. Such a crossing counts only between pulses.
     for first, stop in runs(heights == 0.0).tolist():
         beside = first > 0 and stop < len(times) and kept[first - 1] and kept[stop]
         kept[first:stop] &= beside and stop - first <= _UNTOLD
@@ -74,10 +71,10 @@ def clear_pulses(times: Array, heights: Array, limits: Array, usual: float) -> F
 
 
 def _in_rows(times: Array, doubted: Flags, faint: Flags) -> Flags:
-    """Mark crossings in rows of even periods about doubted ones, faint ones (below the limit) within the rows' ends."""
+    """Mark the crossings in even rows around doubtful ones; faint ones (below the limit) only inside a row."""
     found = np.zeros(len(times), dtype=np.bool_)
     for first, stop in runs(doubted).tolist():
-        # Include the crossings on either side that may belong to the same even row.
+        # Include crossings on either side that may belong to the same even row.
         begin, end = max(first - IN_A_ROW, 0), min(stop + IN_A_ROW, len(times))
         for start, last in (runs(_even(np.diff(times[begin:end]))) + begin).tolist():
             if last - start >= IN_A_ROW:
@@ -89,7 +86,7 @@ def _in_rows(times: Array, doubted: Flags, faint: Flags) -> Flags:
 
 
 def _joined(times: Array, heights: Array, sure: Flags, low: Spans) -> Flags:
-    """The sure pulses, and the low pulses that continue a row of sure ones."""
+    """Mark the sure pulses, and the low pulses that continue a row of sure ones."""
     kept, left = sure.copy(), low.tolist()
 
     def joins(end: int, beyond: int) -> bool:
@@ -103,7 +100,7 @@ def _joined(times: Array, heights: Array, sure: Flags, low: Spans) -> Flags:
 
 
 def unclear(times: Array, kept: Flags, low: Flags, missing: Spans, samples: int) -> Array:
-    """Stretches that have samples but no clear pulses, from pulse to pulse [samples], shape (K, 2)."""
+    """Stretches with samples but without clear pulses, from pulse to pulse [samples], shape (K, 2)."""
     pulses = times if kept.all() else times[kept]
     if not len(pulses):
         return np.array([[0.0, float(samples)]])
@@ -132,7 +129,7 @@ def unclear(times: Array, kept: Flags, low: Flags, missing: Spans, samples: int)
 
 
 def _even(periods: Array) -> Flags:
-    """Whether each period per tooth equals the mean of both neighbours, also in irregular rotation."""
+    """Whether each period, divided by its number of teeth, is near the mean of its two neighbours."""
     if not len(periods):
         return np.zeros(0, dtype=np.bool_)
     usual = median_filter(periods, size=_NEIGHBOURS, mode="nearest")
@@ -144,7 +141,7 @@ def _even(periods: Array) -> Flags:
 
 
 def _goes_on(times: Array, heights: Array, end: int, beyond: int, kept: Flags) -> bool:
-    """Whether the next kept pulse, from index `beyond` on, continues the row of low pulses that ends at index `end`."""
+    """Whether the first kept pulse from index `beyond` on continues the row of low pulses that ends at index `end`."""
     step = 1 if beyond > end else -1
     others = np.flatnonzero(kept[beyond::step])
     if not len(others):

@@ -1,4 +1,4 @@
-"""Crossing times of pulse trains, with levels that follow the train."""
+"""Crossing times of pulse trains; the levels follow the train."""
 
 from __future__ import annotations
 
@@ -40,20 +40,20 @@ class PulseTimes:
     times_s
         Times of the crossings after the first sample [s], shape (N,).
     gaps_s
-        Stretches in which pulses may be missing from `times_s` [s], shape (G, 2): those without samples, from the first
-        missing sample to the next present one, and those where pulses can't be distinguished from noise.
+        Stretches in which pulses may be missing from `times_s` [s], shape (G, 2): stretches without samples, from the
+        first missing sample to the next present one, and stretches where pulses can't be distinguished from noise.
     low, middle, high
-        Levels used, in the unit of the samples: armed at `low`, timed at `middle`, fired at `high`. Medians
-        over the record if the levels followed the train.
+        Levels of the detector, in the unit of the samples: below `low` it is armed, above `high` it fires, and the
+        time is that of the crossing of `middle`. Medians over the record if the levels followed the train.
     rate_hz
         Sample rate of the train [Hz].
     faint_s
-        Gaps with samples but no pulses distinguishable from noise, from pulse to pulse [s], shape (K, 2).
+        Gaps that have samples, but no pulses distinguishable from noise, from pulse to pulse [s], shape (K, 2).
     limit
-        Detection limit, in the unit of the samples. Pulses whose height exceeds it are always counted; lower ones only
-        in even rows of a dozen or more. If the noise changes, the limit is the median over the record.
+        Detection limit, in the unit of the samples. Higher pulses always count; lower pulses count only in rows of at
+        least twenty even periods. If the noise changes, the limit is the median over the record.
     grid_std_s
-        Standard deviations of the times due to sampling [s], shape (N,); None: every edge lies within one sample.
+        Standard deviations of the times due to sampling [s], shape (N,); None if every edge rises within one sample.
     noise_std_s
         Standard deviations of the times due to noise [s], shape (N,).
     """
@@ -79,7 +79,7 @@ class PulseTimes:
 
     @property
     def missing_s(self) -> Array:
-        """The gaps without samples [s], shape (K, 2)."""
+        """Gaps without samples [s], shape (K, 2)."""
         begins, ends = self.faint_s.T
         return np.asarray(
             self.gaps_s[~(np.isin(self.gaps_s[:, 0], begins) & np.isin(self.gaps_s[:, 1], ends))]
@@ -89,8 +89,8 @@ class PulseTimes:
     def time_std_s(self) -> Array:
         """Standard deviation of each crossing [s], shape (N,).
 
-        An edge that rises within one sample has a uniform distribution between two samples: Ts / sqrt(12).
-        Edges that last several samples are more accurate, limited by noise.
+        The time of an edge that rises within one sample is uniformly distributed between two samples: Ts / sqrt(12).
+        Edges that last several samples are more accurate; their accuracy is limited by noise.
         """
         step = np.full(len(self.times_s), 1.0 / (self.rate_hz * np.sqrt(12.0)))
         grid = step if self.grid_std_s is None else self.grid_std_s
@@ -108,26 +108,28 @@ def pulse_times(
 ) -> PulseTimes:
     """Times at which a pulse train rises through a level, interpolated between samples.
 
-    A crossing counts if the train was low before and goes high after it, so saw-tooth edges and noise at the level
-    are not counted twice. Levels that are not given follow the turning points of nine pulses before and after, since the
-    amplitude of a variable-reluctance pick-up increases with speed and that of an optical pick-up may decrease with time.
-    The noise determines the least height of a pulse. Where pulses can't be distinguished from noise or from the hum of a
-    shaft at rest, or last less than a sample, no times are returned and the stretch is listed in `gaps_s`.
+    A crossing counts if the train is below the arming level before it and rises above the firing level after it, so
+    saw-tooth edges and noise at the crossing level are not counted twice. By default the levels follow the turning
+    points of nine pulses before and after, since the amplitude of a variable-reluctance pick-up increases with speed
+    and that of an optical pick-up may decrease with time. The noise determines the least height of a pulse. Where
+    pulses can't be distinguished from noise or from the hum of a shaft at rest, or last less than a sample, no times
+    are returned and the stretch is listed in `gaps_s`.
 
-    The gap of a wheel with missing teeth is not listed; `speed_from_pulses` inserts the missing teeth.
+    The gap of a wheel with missing teeth is not listed in `gaps_s`; `speed_from_pulses` inserts the missing teeth.
 
     Parameters
     ----------
     samples
-        The train: an array, shape (N,), or an iterable of successive arrays of any length (a log read in pieces).
-        NaN marks a missing sample.
+        Samples of the train: an array, shape (N,), or an iterable of successive arrays of any length (a log read in
+        pieces). NaN marks a missing sample.
     rate_hz
         Sample rate [Hz].
     threshold
         Level of the crossings in the unit of the samples (2 V in the thesis); by default midway between low and high
         level.
     hysteresis
-        Distance between the arming and the firing threshold, around `threshold`; by default 0.4 of the level difference.
+        Distance between the arming and the firing level, centred on `threshold`; by default 0.4 of the level
+        difference.
     window_s
         Length of the windows in which noise and levels are estimated [s].
 
@@ -193,7 +195,7 @@ class _Found:
         self._windows: list[Array] = []
         self.short: list[bool] = []
         self.silent: npt.NDArray[Any] = np.empty(0)
-        """The last window of a record without a pulse train."""
+        """Last window of a record without a pulse train."""
 
     def take(
         self,
@@ -201,7 +203,7 @@ class _Found:
         last: npt.NDArray[Any],
         samples: npt.NDArray[Any],
     ) -> None:
-        """Add the crossings in windows of `samples`; `last` holds the samples of the last window."""
+        """Add the crossings in windows of `samples`; `last` has the samples of the last window."""
         *columns, levels, windows = crossed
         self.columns.append((columns[0], columns[1], columns[2], columns[3]))
         self._windows.append(windows)
@@ -220,17 +222,17 @@ class _Found:
         return np.concatenate(self._windows)
 
     def column(self, which: int) -> Array:
-        """Times, heights or a standard deviation of the times over all windows, shape (N,)."""
+        """One column of all windows (times, heights or a standard deviation of the times), shape (N,)."""
         every = [columns[which] for columns in self.columns]
         return every[0] if len(every) == 1 else np.concatenate(every)
 
     def clear(self, times: Array, given: bool) -> tuple[Flags, Flags]:
-        """Mark the crossings that are pulses, all at given levels, and those barely higher than noise, shape (N,)."""
+        """Mark the crossings that are pulses (all at given levels), and those barely higher than noise, shape (N,)."""
         count, limit, least, known = self.windows.T
         known = known[count > 0]
-        # The largest median height of the windows; one or two disturbed windows are ignored.
+        # Usual height: the largest median height of the windows; one or two disturbed windows are ignored.
         usual = float(np.max(median_filter(known, size=5, mode="nearest"))) if len(known) else 0.0
-        # A train of two values, such as 0 and 1, has no noise; what is estimated as noise is the sampling of its edges.
+        # A train of two values, such as 0 and 1, has no noise; its estimated noise is an effect of sampling its edges.
         far = (least >= np.maximum(FAR_FROM_LIMIT * limit, AT_REST * usual)).all()
         whole = np.repeat(np.logical_not(self.short), count.astype(np.int64))
         if given or self._states or far:
@@ -241,8 +243,8 @@ class _Found:
 
 
 def _of_two_values(samples: npt.NDArray[Any]) -> bool:
-    """Whether all samples but two at each edge are missing or have one of two values; the first samples mostly decide."""
-    for part in (samples[:64], samples) if len(samples) else ():
+    """Whether samples have one of two values, or are missing, except two samples at each edge."""
+    for part in (samples[:64], samples) if len(samples) else ():  # the first samples mostly suffice
         between = (part > np.fmin.reduce(part)) & (part < np.fmax.reduce(part))
         if (between[2:] & between[1:-1] & between[:-2]).any():
             return False
@@ -250,7 +252,7 @@ def _of_two_values(samples: npt.NDArray[Any]) -> bool:
 
 
 def _are_short(samples: npt.NDArray[Any], times: Array) -> bool:
-    """Whether one sample alone is high (or low) at each crossing, and periods jump: some pulses lie between two samples."""
+    """Whether each crossing has a single high (or low) sample, and periods jump: some pulses lie between two samples."""
     for part in (times[:64], times) if len(times) > IN_A_ROW else ():
         places = np.clip(part.astype(np.intp)[:, None] + np.arange(-1, 3), 0, len(samples) - 1)
         earlier, before, above, after = samples[places].astype(np.float64).T
@@ -270,7 +272,7 @@ def _complaint(bottom: float, top: float, threshold: float | None) -> str:
 
 
 def _windows(samples: npt.NDArray[Any] | Iterable[npt.ArrayLike], size: int) -> Iterator[npt.NDArray[Any]]:
-    """Cut the samples into windows of `size`, as the kernel takes them; views where one piece holds the whole window."""
+    """Cut the samples into windows of `size` for the kernel; a window within one piece is a view."""
     for parts in even_parts(map(_flat, [samples] if isinstance(samples, np.ndarray) else samples), size):
         yield _for_kernel(parts[0] if len(parts) == 1 else np.concatenate(parts))
 

@@ -1,4 +1,4 @@
-"""Fusion of pulse trains of one shaft line: its angle, a spline through all passages, and speed with its variance."""
+"""Fusion of pulse trains of one shaft line: a spline of the angle through all pulses, and the speed with its variance."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from shipfp_rs.tacho.tracks import require_positive
 _DEGREE = 4
 """Degree of the angle spline; the speed is its slope, a cubic spline."""
 _STIFFNESS = 1e-6
-"""Weight of the coefficients' second differences relative to the pulses' weight. These differences determine
-the spline where there are no pulses.
+"""Weight of the spline coefficients' second differences, relative to that of the pulses. It smooths the spline where
+there are no pulses.
 """
 
 
@@ -52,7 +52,7 @@ class AngleSpline:
 
 @dataclass(frozen=True)
 class AnglePieces:
-    """Angle splines in order of time with gaps between them, and the angle at the start of each stretch [rev]."""
+    """Angle splines in order of time, separated by gaps, and the angle at the start of each stretch [rev]."""
 
     splines: tuple[AngleSpline, ...]
     spans_s: Array
@@ -117,19 +117,8 @@ def fit_angle_pieces(
 def fit_angle_spline(
     time: Array, angle: Array, weight: Array, stretch: npt.NDArray[np.intp], spacing_s: float
 ) -> AngleSpline:
-    """Fit a spline and an offset per stretch to the passages by weighted least squares.
-
-    Parameters
-    ----------
-    time, angle
-        Passages [s] and their angles, counted within the stretch [rev], shape (N,).
-    weight
-        Inverse variance of each angle [1/rev^2], shape (N,).
-    stretch
-        Index of the stretch of each passage, shape (N,), from 0; the offset of stretch 0 is zero.
-    spacing_s
-        Distance between knots [s].
-    """
+    """Fit a spline and an offset per stretch (0 for the first) to angles [rev], counted in each stretch."""
+    # `weight` is the inverse variance of each angle [1/rev^2], `stretch` the index of its stretch, from 0.
     first, last = float(time.min()), float(time.max())
     pieces = max(int(np.ceil((last - first) / spacing_s)), 1)
     inner = np.linspace(first, last, pieces + 1)
@@ -152,8 +141,8 @@ def fit_angle_spline(
     right = basis.T @ (weight * angle)
     alone = cho_solve_banded((factor, True), right)
     shift = cho_solve_banded((factor, True), coupling) if stretches > 1 else np.zeros((size, 0))
-    # Elimination of the spline's coefficients gives a small system for the offsets, in which long and short
-    # stretches have equal weight.
+    # Elimination of the spline's coefficients gives a small system for the offsets.
+    # Long and short stretches have equal weight in it.
     total = member.T @ weight
     scale = 1.0 / np.sqrt(np.outer(total, total))
     covariance = scale * np.linalg.pinv(
@@ -176,11 +165,9 @@ def _slopes(spline: BSpline, time: Array) -> sparse.csr_array:
 
 
 def _inverse_band(factor: Array) -> sparse.dia_matrix:
-    """Band of the inverse of a matrix from its banded Cholesky factor (lower form), by Takahashi's recursion.
-
-    K. Takahashi, J. Fagan, M. Chin, Eighth PICA Conference (1973) 63. Rows are computed from the last to the first;
-    within the band each needs only rows below it.
-    """
+    """Band of the inverse of a matrix from its banded Cholesky factor (lower form), by Takahashi's recursion."""
+    # K. Takahashi, J. Fagan, M. Chin, Eighth PICA Conference (1973) 63.
+    # Rows are computed from the last to the first; within the band, each needs only rows below it.
     width, size = factor.shape
     reach = width - 1
     inverse = np.zeros((size + reach, width))  # inverse[i, d] is entry (i, i + d)
@@ -207,21 +194,23 @@ _ROUNDS = 10
 weight of the pulses concerned.
 """
 _HUBER = 2.5
-"""Huber's constant: the residual, in standard deviations, above which the influence of a pulse is constant."""
+"""Huber's constant: residual, in standard deviations, above which the influence of a pulse no longer increases."""
 _APART = 6.0
 """Residual, in standard deviations, above which a pulse is reported as an outlier."""
 _NEARBY, _SLIP = 5, 0.4
-"""A count has slipped where the median residuals of this many passages before and after differ by more than
-this fraction of a pulse.
+"""The count of pulses has slipped if the median residuals of this many pulses before and after differ by more than
+this fraction of the angle between pulses.
 """
 _SAME_SPEED = 5.0, 1e-5
-"""Largest difference of two equal mean speeds: in standard deviations, and relative to the speed."""
+"""Mean speeds agree within this number of standard deviations, or this fraction of the speed."""
 _UNEXPLAINED = 3.0
-"""Largest ratio of a train's scatter to that expected from timing and reflectors."""
+"""Largest ratio of a train's scatter to the scatter expected from timing and reflectors."""
 _UNKNOWN = 0.05
-"""Relative standard deviation above which a speed is masked: the spline only bridges a gap there."""
+"""Relative standard deviation above which a speed is masked, since the spline only bridges a gap there."""
 _ROBUST, _CUT_OFF = 1.4826, 0.978
-"""For Gaussian noise: standard deviation over median absolute deviation, and mean square after clipping at `_HUBER`."""
+"""For Gaussian noise: ratio of standard deviation to median absolute deviation, and mean square after clipping at
+`_HUBER`.
+"""
 
 
 @dataclass(frozen=True)
@@ -234,13 +223,13 @@ class TrainReport:
         Turns of the train's shaft per turn of the fused shaft; the standard deviation is 0 for a given ratio.
     scatter
         Scatter of the train's pulses about the fused angle, relative to the scatter expected from timing and
-        reflectors [-]. Above 1, the train's weight is divided by its square.
+        reflectors [-]. If it exceeds 1, the train's weight is divided by its square.
     difference, difference_std
         Relative difference of the train's mean speed from the fused speed [-]; near 0 by construction for an
         estimated ratio.
     apart_s
-        Stretches where the train's angle departs from the fused angle [s], shape (K, 2): wrong pulses, or a
-        slipped count that the other trains could not resolve.
+        Stretches where the train's angle deviates from the fused angle [s], shape (K, 2), because of wrong pulses or
+        of a slipped count that the other trains could not resolve.
     slips_s
         Times at which the train's count of pulses slipped relative to the other trains [s], shape (K,); each
         begins a new stretch.
@@ -263,7 +252,7 @@ class TrainReport:
 
 
 class FusedAngle:
-    """Spline through the passages of the trains whose ratio is known."""
+    """Spline of the angle through the pulses of the trains with known ratios."""
 
     def __init__(
         self, passages: dict[str, Passages], ratios: dict[str, tuple[float, float]], bandwidth_hz: float
@@ -295,8 +284,7 @@ class FusedAngle:
                 self.time, self.angle, pull / spread**2, self.stretch, _SPACING / bandwidth_hz
             )
             self.residual = self.angle + self.fit.offsets[self.stretch] - self.fit.angle(self.time)
-            # The spline follows some of the scatter, so the residuals are scaled up by the degrees of
-            # freedom.
+            # The spline follows some of the scatter, so the residuals are scaled up by the degrees of freedom.
             taken = np.sqrt(len(self.time) / max(len(self.time) - self.fit.size, 1))
             score = taken * np.abs(self.residual) / self.std
             self.scatter = np.array([_robust_scale(score[self.train == k]) for k in range(len(parts))])
@@ -304,7 +292,7 @@ class FusedAngle:
             pull = _HUBER / np.maximum(score, _HUBER)
 
     def at(self, grid: Array) -> tuple[Array, Array]:
-        """Speed and standard deviation on a grid, NaN where no pulses are near."""
+        """Speed and standard deviation on a grid; NaN if no pulses are near."""
         speed, std = self.fit.speed(grid), np.sqrt(self.fit.speed_variance(grid))
         with np.errstate(invalid="ignore"):
             lost = ~(std <= _UNKNOWN * np.abs(speed))
@@ -312,7 +300,7 @@ class FusedAngle:
         return speed, std
 
     def ratio(self, own: Passages) -> tuple[float, float]:
-        """Turns of a train's shaft per turn of the fused shaft, and the standard deviation."""
+        """Turns of a train's shaft per turn of the fused shaft, with standard deviation."""
         fused = self.fit.angle(own.time_s)
         inside = np.isfinite(fused)
         if np.count_nonzero(inside) < 3:
@@ -322,13 +310,13 @@ class FusedAngle:
         )
 
     def _runs(self, time: Array, stretch: npt.NDArray[np.intp]) -> npt.NDArray[np.intp]:
-        """Number the runs of passages: each lies within one stretch of the train and one piece of the fused angle."""
+        """Run number of each pulse; a run lies within one stretch of the train and one piece of the fused angle."""
         return np.asarray(
             (stretch - stretch.min()) * len(self.fit.splines) + np.maximum(self.fit.piece_at(time), 0)
         )
 
     def slips(self, name: str) -> npt.NDArray[np.intp]:
-        """Passages at which a train's angle shifts by about a pulse relative to the fused one."""
+        """Indices of pulses at which a train's angle shifts by about one pulse relative to the fused angle."""
         own = self.passages[name]
         residual = self.residual[self.train == list(self.passages).index(name)]
         if len(residual) < 2 * _NEARBY:
@@ -363,17 +351,15 @@ class FusedAngle:
 
 
 def _robust_scale(size: Array) -> float:
-    """Robust root mean square of absolute values; large values are clipped.
-
-    Tau scale of V. Yohai and R. Zamar, Journal of the American Statistical Association 83 (1988) 406. A
-    median alone would be a quarter too large for errors distributed uniformly between two samples.
-    """
+    """Robust root mean square of absolute values, with large values clipped (tau scale)."""
+    # V. Yohai, R. Zamar, Journal of the American Statistical Association 83 (1988) 406.
+    # The median alone would be a quarter too large for errors distributed uniformly between two samples.
     median = max(_ROBUST * float(np.median(size)), np.finfo(np.float64).tiny)
     return float(median * np.sqrt(np.mean(np.minimum(size / median, _HUBER) ** 2) / _CUT_OFF))
 
 
 def _slope(turned: Array, own: Array, std: Array, run: npt.NDArray[np.intp]) -> tuple[float, float]:
-    """Slope of a train's turns against the fused turns, and its standard deviation, with an offset for each run."""
+    """Slope of a train's turns against the fused turns, with its standard deviation; each run has its own offset."""
     weight = 1.0 / std**2
     _, numbers = np.unique(run, return_inverse=True)
     total = np.bincount(numbers, weight)
@@ -384,7 +370,7 @@ def _slope(turned: Array, own: Array, std: Array, run: npt.NDArray[np.intp]) -> 
 
 
 _PULSES_PER_HZ, _LEAST_PULSES_PER_HZ = 6.0, 4.5
-"""Pulses per second per Hz of bandwidth, by default and at least: 2 and 1.5 per spline coefficient."""
+"""Default and least number of pulses per second per Hz of bandwidth: 2 and 1.5 pulses per spline coefficient."""
 
 
 @dataclass(frozen=True)
@@ -396,11 +382,11 @@ class FusedSpeed:
     time_s
         Uniform grid [s], shape (N,).
     speed_rps, std_rps
-        Speed and its standard deviation [rev/s], shape (N,); NaN where no train determines it.
+        Speed and its standard deviation [rev/s], shape (N,); NaN where no train determines the speed.
     bandwidth_hz
         Frequency up to which the speed follows the shaft, with a gain of 1 within 0.2 % and no delay [Hz].
     trains
-        Report on each train, by name.
+        Report on each train by name.
     """
 
     time_s: Array
@@ -435,8 +421,8 @@ def fuse(
     start_s, stop_s
         Ends of the grid [s].
     bandwidth_hz
-        Highest frequency to follow [Hz], f; the noise of the speed grows as f^(3/2). None: a sixth of all
-        pulses per second.
+        Highest frequency f that the speed follows [Hz]; the noise of the speed grows as f^(3/2). By default a sixth of
+        all pulses per second.
 
     Raises
     ------
@@ -463,7 +449,7 @@ def fuse(
 
 
 def fused_angle(trains: Sequence[Train], bandwidth_hz: float | None = None) -> tuple[FusedAngle, float]:
-    """Angle fitted to the pulses of several trains, and its bandwidth [Hz]; see `fuse`."""
+    """Fit the angle to the pulses of several trains; return it and the bandwidth [Hz]; see `fuse`."""
     if len(trains) == 0 or len({train.name for train in trains}) < len(trains):
         raise InputError(
             f"trains: found {[train.name for train in trains]}, expected one or more of different names"

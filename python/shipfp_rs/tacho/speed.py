@@ -1,4 +1,4 @@
-"""Passages of a pulse train, mean speed between them, and speed on a uniform grid."""
+"""Mean speed between the pulses of a train, and speed on a uniform grid."""
 
 from __future__ import annotations
 
@@ -39,11 +39,11 @@ class IntervalSpeed:
     pulses_per_rev
         Pulses in a turn.
     angle_rev
-        Angle turned in each interval [rev], shape (N,); None: speed times duration. It differs from speed
-        times duration for coarsely timed pulses, whose speed is corrected for the bias of 1 / T.
+        Angle turned in each interval [rev], shape (N,); by default speed times duration. The two differ for coarsely
+        timed pulses, whose speed is corrected for the bias of 1 / T.
     ends_std_rps
-        `std_rps` if the errors of an interval's two ends were independent [rev/s], shape (N,); the uncertainty of single
-        ends follows from it. None: the errors are independent.
+        Value of `std_rps` under the assumption that the errors of an interval's two ends are independent [rev/s],
+        shape (N,). The uncertainty of each end is calculated from it. None if the errors are independent.
     """
 
     time_s: Array
@@ -61,7 +61,7 @@ class IntervalSpeed:
         return self.speed_rps * self.duration_s if self.angle_rev is None else self.angle_rev
 
     def typical_rps(self) -> float:
-        """Median speed [rev/s] of means over about twenty pulses, since single intervals may be coarsely timed."""
+        """Median of mean speeds over about twenty pulses [rev/s]; single intervals may be coarsely timed."""
         size = min(_TYPICAL, max(len(self.duration_s), 1))
         turned, lasted = (
             np.convolve(column, np.ones(size), mode="valid") for column in (self.turned_rev, self.duration_s)
@@ -69,10 +69,10 @@ class IntervalSpeed:
         return float(np.median(turned / lasted))
 
     def times_as_fast_as(self, other: IntervalSpeed) -> float:
-        """Median ratio of this speed to another at the same times, each a mean over about twenty pulses.
+        """Median ratio of this speed to another one at the same times, both averaged over about twenty pulses.
 
-        The ratio of two medians would fail for a set point that steps between levels: each median may fall on
-        either level. NaN if the two have no common time.
+        NaN if the two speeds have no common time. A ratio of medians would fail for a speed that steps between levels,
+        since each median may be at either level.
         """
         size = min(_TYPICAL, max(len(self.duration_s), 1))
         first, last = 0.5 * self.duration_s[: 1 - size or None], 0.5 * self.duration_s[size - 1 :]
@@ -82,7 +82,7 @@ class IntervalSpeed:
         return float(np.median(own[known] / others[known])) if known.any() else float("nan")
 
     def _mean_over(self, begin: Array, end: Array) -> Array:
-        """Mean speed between two times [rev/s], without gaps; NaN without intervals."""
+        """Mean speed between two times [rev/s], gaps excluded; NaN if there are no intervals."""
         if not len(self.time_s):
             return np.full(len(begin), np.nan)
         ends = self.time_s + 0.5 * self.duration_s
@@ -115,32 +115,33 @@ def speed_from_pulses(
 ) -> IntervalSpeed:
     """Mean speed over each interval between pulses, with missed and extra pulses repaired.
 
-    Periods are compared with their running median. A period that is too short ends at an extra pulse, which
-    is removed. A period near a multiple of the median has missed pulses, which are inserted. Intervals with
-    extra or missed pulses are flagged. Next to breaks, and where a shaft nearly stops, periods are compared with the trend
-    of the neighbouring speeds instead: the shaft may be slowing down to rest or starting from rest. A trend on one side
-    alone does not tell missed pulses from a stopping shaft; the standard deviation then covers both. Intervals over a gap,
-    and intervals with more than four missed pulses, are omitted.
+    Periods are compared with their running median. A period that is too short ends at an extra pulse, which is
+    removed. A period near a multiple of the median has missed pulses, which are inserted. Intervals with extra or
+    missed pulses are flagged. Next to breaks, and where a shaft nearly stops, periods are compared with the trend of
+    the neighbouring speeds instead, since the shaft may be stopping or starting there. A trend on one side alone can't
+    distinguish missed pulses from a stopping shaft; the standard deviation then covers both. Intervals over a gap, and
+    intervals with more than four missed pulses, are omitted.
 
-    Standard deviations of pulses from `pulse_times` are valid from three samples per pulse up, to about 4 %, the accuracy
-    of the noise estimate. At a steady speed with a nearly whole number of samples between pulses, the errors are equal
-    and cancel; the standard deviation is then too large, since at least a twentieth of the variance is kept.
+    Standard deviations for pulses of `pulse_times` are valid from three samples per pulse upwards. Their accuracy is
+    that of the noise estimate, about 4 %. At a steady speed with a nearly whole number of samples between pulses, the
+    errors are equal and cancel; the standard deviation is then too large, since at least a twentieth of the variance
+    is kept.
 
     Parameters
     ----------
     times_s
-        Crossing times [s], shape (N,), ascending; or the pulses, with their gaps and standard deviations.
+        Ascending crossing times [s], shape (N,); or a `PulseTimes`, whose gaps and standard deviations are used.
     pulses_per_rev
         Pulses in a turn, P.
     gaps
-        Stretches without samples [s], shape (G, 2), as in `PulseTimes.gaps_s`; None: those of the pulses.
+        Stretches without samples [s], shape (G, 2), as in `PulseTimes.gaps_s`; by default those of the `PulseTimes`.
     angles
         Angles of the reflectors; even by default. The first reflector of each stretch between breaks is identified from
         the periods.
     time_std_s
-        Standard deviation of the crossing times [s], one for all or one each, shape (N,), such as
-        `PulseTimes.time_std_s`. None: the pulses' standard deviations from sampling and from noise, separately, since
-        errors of sampling are correlated if a pulse has few samples; 0 for plain times.
+        Standard deviation of the crossing times [s], one number or shape (N,), such as `PulseTimes.time_std_s`. By
+        default those of the `PulseTimes`, separately for sampling and noise, since sampling errors are correlated if a
+        pulse has few samples; 0 for plain times.
 
     Returns
     -------
@@ -220,7 +221,7 @@ def resample(
 
 
 def unbroken(interval_speed: IntervalSpeed) -> list[tuple[slice, Array, Array]]:
-    """Stretches of intervals without a break: their slices, edges [s], and the angle at each edge [rev]."""
+    """Stretches of intervals without a break: their slices, edges [s], and angle at each edge [rev]."""
     half = 0.5 * interval_speed.duration_s
     first, last = interval_speed.time_s - half, interval_speed.time_s + half
     if not first.size:
@@ -236,7 +237,7 @@ def unbroken(interval_speed: IntervalSpeed) -> list[tuple[slice, Array, Array]]:
 
 @checked
 def interval_gain(frequency_hz: npt.ArrayLike, pulses_per_rev: int, speed_rps: float) -> Array:
-    """Gain of the mean over one interval, sinc(f / (P n)), by which speed ripple at `frequency_hz` is reduced.
+    """Gain sinc(f / (P n)) by which averaging over one interval reduces speed ripple at `frequency_hz`.
 
     Parameters
     ----------
@@ -257,13 +258,13 @@ def interval_gain(frequency_hz: npt.ArrayLike, pulses_per_rev: int, speed_rps: f
 
 @dataclass(frozen=True)
 class _Timing:
-    """Crossing times [s] and their standard deviations, from noise and from sampling: one, or one per time."""
+    """Crossing times [s] and their standard deviations due to noise and sampling, one value for all or one per time."""
 
     times_s: npt.ArrayLike
     noise_s: Array
     grid_s: Array
     sample_s: float
-    """Time between samples; 0: unknown."""
+    """Time between samples [s]; 0 if unknown."""
 
     @classmethod
     def of(cls, times_s: npt.ArrayLike | PulseTimes, time_std_s: npt.ArrayLike | None) -> _Timing:
@@ -295,7 +296,7 @@ class _Timing:
 def _track_speed(
     track: Track, angles: ReflectorAngles, timing: _Timing
 ) -> tuple[Array, Array, Array, Array, npt.NDArray[np.uint8], Array, Array]:
-    """Usable intervals, missed pulses inserted: midpoint, speed, std, duration, flags, angle, std of independent ends."""
+    """Usable intervals after repair: midpoint, speed, std, duration, flags, angle, std for independent ends."""
     fractions, relative_std = align_angles(track, angles)
     noise, grid = timing.of_edges(track.edges_s)
     edges = np.ascontiguousarray(track.edges_s)
@@ -305,8 +306,7 @@ def _track_speed(
         doubt = np.repeat(track.doubt, track.count) * columns[1]
         columns[2], columns[5] = np.hypot(columns[2], doubt), np.hypot(columns[5], doubt)
     if len(track.count) > 1 and (track.count > 1).any():
-        # The mean speed over missed pulses is accurate, but the true speeds of the inserted intervals differ
-        # from it.
+        # The mean speed over missed pulses is accurate, but the true speeds of the inserted intervals deviate from it.
         mean = columns[1, np.cumsum(track.count) - 1]
         columns[2] = np.hypot(
             columns[2], np.repeat(np.abs(np.gradient(mean)) * (track.count > 1), track.count)
@@ -329,8 +329,8 @@ class Train:
     speed
         Interval speeds of the train's shaft, with standard deviations (`speed_from_pulses(..., time_std_s=...)`).
     ratio
-        Turns of the train's shaft per turn of the shaft whose speed is wanted: 1 on that shaft, the gear ratio on the
-        engine's; None: estimated.
+        Turns of the train's shaft per turn of the shaft whose speed is wanted: 1 for a train on that shaft, the gear
+        ratio for a train on the engine's shaft; None if it is to be estimated.
     """
 
     name: str
@@ -340,7 +340,7 @@ class Train:
 
 @dataclass(frozen=True)
 class Passages:
-    """True pulses of a train: times, turns of its own shaft, their standard deviations, stretch of each."""
+    """Recorded pulses of a train: times, turns of its own shaft, standard deviations of the turns, stretch of each."""
 
     time_s: Array
     turned: Array
@@ -351,7 +351,7 @@ class Passages:
     slips_s: Array
 
     def cut(self, places: npt.NDArray[np.intp]) -> Passages:
-        """Passages with a new stretch at each of the given indices, where the count slipped."""
+        """Start a new stretch at each of the given indices, where the count of pulses slipped."""
         later = np.zeros(len(self.time_s), dtype=np.intp)
         later[places] = 1
         return replace(
@@ -362,7 +362,7 @@ class Passages:
 
 
 def passages_of(train: Train) -> Passages:
-    """Recorded pulses of a train, without inserted pulses."""
+    """Recorded pulses of a train, without inserted ones."""
     speed = train.speed
     if not (speed.std_rps > 0.0).all():
         raise InputError(

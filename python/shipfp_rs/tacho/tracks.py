@@ -1,4 +1,4 @@
-"""Repair of missed and extra pulses: from crossing times to tracks of counted intervals."""
+"""Repair of missed and extra pulses: makes tracks of counted intervals from crossing times."""
 
 from __future__ import annotations
 
@@ -15,30 +15,31 @@ from shipfp_rs.support.arrays import Array, runs
 from shipfp_rs.support.spikes import running_median
 
 MOST_PULSES = 100_000
-"""Largest number of pulses per turn: that of an encoder with 25,000 lines, counting both edges of both channels."""
+"""Largest number of pulses per turn: an encoder with 25,000 lines, of which both edges of both channels are counted."""
 _MEDIAN_WINDOW = 21
 """Number of periods in the running median by which missed and extra pulses are detected."""
 _EXTRA_BELOW = 0.6
-"""A period shorter than this fraction of the median ends at an extra pulse. An extra pulse in the middle of a
-period makes both halves that short; a shaft does not accelerate so much within a few pulses.
+"""A period shorter than this fraction of the median ends at an extra pulse. An extra pulse in the middle of a period
+makes both parts that short, and a shaft can't accelerate so much within a few pulses.
 """
 _CLEARLY_BETTER = 0.05
-"""Of two crossings close together, the first is the edge and the second a saw-tooth on it (Fig. 6.15), unless the second
-fits better by this fraction of a period. Uneven reflectors and changing speed cause smaller differences.
+"""Of two crossings close together, the first is the pulse and the second a saw-tooth on its edge (thesis, Fig. 6.15),
+unless the second fits the period better by this fraction of a period. Uneven reflectors and changing speed cause
+smaller differences.
 """
 MISSED_FROM = 1.6
 _MOST_MISSED = 4
 """Largest number of successive missed pulses that are inserted; more indicate a stopped shaft or a dead pick-up."""
 _END_ZONE = _MEDIAN_WINDOW // 2
-"""Intervals at each end of a track where the median window is cut short, so that it can't follow a slope."""
+"""Number of intervals at each end of a track where the running median has a shorter window and can't follow a trend."""
 _TREND = 4
-"""Intervals whose speeds define the trend, a straight line over time as under a constant torque."""
+"""Number of intervals that define the trend of the speed, a straight line over time, as under constant torque."""
 _PART_OF_A_PULSE = 0.1
 _SAME_NEXT_TURN = 0.25
-"""Largest relative difference of periods one turn apart in irregular rotation, as of an engine that is cranked."""
+"""Largest relative difference between periods one turn apart in irregular rotation, such as cranking of an engine."""
 _GENTLE, _SHARP, _OFTEN = 1.9, 2.2, 0.25
-"""Largest ratio of successive periods in irregular rotation; a missed or extra pulse halves or doubles a period. The second
-where more than this fraction of a turn's periods are odd, which single pulses can't cause.
+"""Largest ratio of successive periods in irregular rotation; a missed or extra pulse halves or doubles a period.
+`_SHARP` applies where more than the fraction `_OFTEN` of a turn's periods deviate, which single pulses can't cause.
 """
 
 
@@ -49,7 +50,7 @@ class PulseFlag(IntFlag):
     EXTRA = 1
     """Extra crossings in the interval were removed."""
     MISSED = 2
-    """Crossings were missed; the interval is an equal share of a longer measured interval."""
+    """Pulses were missed; the interval is an equal part of a longer measured interval."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +62,9 @@ class Track:
     flags: npt.NDArray[np.uint8]
     usable: npt.NDArray[np.bool_]
     doubt: Array | None = None
-    """Relative standard deviation of each interval's speed due to an uncertain pulse count; None: the count is certain."""
+    """Relative standard deviation of each interval's speed due to an uncertain pulse count; None if the count is
+    certain.
+    """
 
 
 def require_positive(name: str, value: float) -> None:
@@ -92,18 +95,16 @@ def checked_times(
 
 
 def _usual(periods: Array, pulses_per_rev: int) -> tuple[Array, npt.NDArray[np.bool_]]:
-    """Periods expected, and which of them differ from the running median since the rotation is irregular in each turn.
-
-    Such a period is like that of the same tooth a turn before or after, as are those beside it, and not far from them.
-    """
+    """Expected periods, and which of them deviate from the running median because the rotation is irregular in each turn."""
     median = running_median(periods, _MEDIAN_WINDOW)
     lag = pulses_per_rev
     odd = np.abs(np.log(periods / median)) > _SAME_NEXT_TURN
     if lag < 3 or len(periods) <= lag or not odd.any():
         return median, np.zeros(len(periods), dtype=np.bool_)
 
+    # Such a period, and both its neighbours, resemble those of the same teeth a turn before or after.
     fits = np.abs(np.log(periods[lag:] / periods[:-lag])) < _SAME_NEXT_TURN
-    same = fits & np.append(True, fits[:-1]) & np.append(fits[1:], True)  # with both sides
+    same = fits & np.append(True, fits[:-1]) & np.append(fits[1:], True)  # with both neighbours
     apart = np.zeros(lag, dtype=np.bool_)
     often = np.convolve(odd, np.full(lag, 1.0 / lag), mode="same")[1:] > _OFTEN
     gentle = np.abs(np.diff(np.log(periods))) < np.log(np.where(often, _SHARP, _GENTLE))
@@ -113,7 +114,7 @@ def _usual(periods: Array, pulses_per_rev: int) -> tuple[Array, npt.NDArray[np.b
 
 
 def _without_extra(times: Array, pulses_per_rev: int) -> tuple[Array, npt.NDArray[np.bool_]]:
-    """Remove extra crossings; also mark the remaining intervals that contained one."""
+    """Remove extra crossings; also return which remaining intervals contained one."""
     median, _ = _usual(np.diff(times), pulses_per_rev)
     if not (np.diff(times) < _EXTRA_BELOW * median).any():
         return times, np.zeros(len(times) - 1, dtype=np.bool_)
@@ -129,7 +130,7 @@ def _without_extra(times: Array, pulses_per_rev: int) -> tuple[Array, npt.NDArra
             len(kept) > 1
             and abs(time - kept[-2] - usual) < abs(kept[-1] - kept[-2] - usual) - _CLEARLY_BETTER * usual
         ):
-            # The earlier crossing was the extra one.
+            # The earlier of the two crossings was extra.
             kept[-1], merged[-1] = time, True
         else:
             pending = True
@@ -141,7 +142,7 @@ def cut_tracks(times: Array, gaps: Array, pulses_per_rev: int) -> list[Track]:
     if len(times) < 2:
         return []
     if not len(gaps) and pulses_are_even(times, _EXTRA_BELOW, MISSED_FROM):
-        # Shortcut with the same result: no period is out of range of the median.
+        # Shortcut with the same result, since all periods are near the median.
         size = len(times) - 1
         one, good = np.ones(size, dtype=np.int64), np.zeros(size, dtype=np.uint8)
         return [Track(times, one, good, np.ones(size, dtype=np.bool_))]
@@ -167,23 +168,23 @@ def cut_tracks(times: Array, gaps: Array, pulses_per_rev: int) -> list[Track]:
 
 
 def _judged_by_trend(track: Track, ratio: Array, irregular: npt.NDArray[np.bool_]) -> Track:
-    """Repeat the count of intervals where the median fails: at both ends, and where the shaft nearly comes to rest."""
+    """Count intervals again where the running median fails: at both ends, and where the shaft nearly stops."""
     if len(track.count) <= _TREND:
         return replace(track, doubt=1.0 - 1.0 / track.count)
     whole = _near_rest(track, ratio)
     reach = _END_ZONE + _TREND
     for end in (irregular[-reach:], irregular[:reach]):
         size = len(whole.count)
-        # Irregular rotation has no trend.
+        # Irregular rotation has no trend to compare with.
         zone = 0 if end.any() else min(_END_ZONE, size // 2)
         whole = _turned(_outwards(whole, size - zone, size))
     return whole
 
 
 def _near_rest(track: Track, ratio: Array) -> Track:
-    """Recount rows of long intervals from both sides up to the longest, as for a shaft that reverses."""
+    """Count rows of long intervals again, from both sides up to the longest one, as for a shaft that reverses."""
     rows = runs(track.count > 1)
-    # Only in rows with a period that is no multiple of the median: missed pulses would cause a multiple.
+    # Only rows with a period that is not a multiple of the median: missed pulses would cause a multiple.
     strange = np.append(0, np.cumsum(np.abs(ratio - track.count) > _PART_OF_A_PULSE))
     rows = rows[np.diff(strange[rows])[:, 0] > 0]
     parts, done = [], 0
@@ -222,11 +223,7 @@ def _columns(track: Track) -> tuple[npt.NDArray[Any], ...]:
 
 
 def _outwards(track: Track, start: int, stop: int, *, alone: bool = True) -> Track:
-    """Count intervals from `start` up to `stop` one by one; each is compared with the trend of the speeds before it.
-
-    With `alone`, no intervals follow after `stop`: long last intervals may be missed pulses or a stopping
-    shaft.
-    """
+    """Count the intervals from `start` to `stop` one by one, each by the trend of the speeds before it."""
     if not _TREND <= start < stop or not track.usable[start - _TREND : stop].all():
         return track
     edges = track.edges_s[start - _TREND : stop + 1].tolist()
@@ -250,6 +247,7 @@ def _outwards(track: Track, start: int, stop: int, *, alone: bool = True) -> Tra
         rows.append((count, int(flag), count <= most, abs(seen / count - 1.0) if unsure else 0.0))
         known.append(((edges[place] + edges[end]) / 2, count / (edges[end] - edges[place])))
         place = end
+    # If no intervals follow after `stop` (`alone`), long last ones may be missed pulses or a stopping shaft.
     for back in reversed(range(len(rows))) if alone else ():
         if rows[back][0] == 1:
             break
@@ -260,7 +258,7 @@ def _outwards(track: Track, start: int, stop: int, *, alone: bool = True) -> Tra
 
 
 def _pulses_by_trend(known: list[tuple[float, float]], first_s: float, last_s: float) -> float:
-    """Number of pulses between two times, from extrapolated speeds; zero or negative if the shaft stops before."""
+    """Number of pulses between two times by the trend of the speed; zero or negative if the shaft stops before."""
     latest = known[-_TREND:]
     time = sum(at for at, _ in latest) / _TREND
     speed = sum(value for _, value in latest) / _TREND

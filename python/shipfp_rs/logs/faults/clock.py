@@ -16,11 +16,13 @@ from shipfp_rs.support.arrays import Array, Mask, Spans, unmasked
 from shipfp_rs.support.sentences import Sentence
 
 Same = Callable[[int, int, int], Mask]
-"""Function (row, earlier row, count): which of `count` rows from both rows on are equal in every channel."""
+"""Function (row, earlier row, count) that compares `count` rows from either row on: whether each pair is equal in all
+channels.
+"""
 
 
 def same_rows(reads: Iterable[Callable[[int, int], Samples]]) -> Same:
-    """Which rows are equal in every channel, each given by a function that reads rows [first, stop)."""
+    """Make `Same` from one function per channel, which reads rows [first, stop)."""
     every = list(reads)
 
     def same(row: int, earlier: int, count: int) -> Mask:
@@ -34,21 +36,23 @@ def same_rows(reads: Iterable[Callable[[int, int], Samples]]) -> Same:
 
 
 FIRST = 1024
-"""Rows whose median step is accurate enough to detect jumps."""
+"""Number of first rows whose median step is accurate enough to detect jumps."""
 MOST_JUMPS = 0.01
-"""Largest fraction of rows with a jump of the clock; a column with more is not a clock."""
+"""Largest fraction of rows with a jump of the clock; a column with more jumps is not a clock."""
 MARKED = 64
 """Interval, in rows, at which times are compared with a straight line."""
 BENT = 2e-5
-"""Largest deviation of times from a straight line, relative to the record's length: the error of real clocks over hours."""
+"""Largest deviation of times from a line, relative to the record's length; real clocks deviate so much in hours."""
 COMPARED = 4096
-"""Most rows compared where times repeat: equal rows were written twice; different rows mean that the clock was set back."""
+"""Largest number of rows compared where times repeat. Equal rows were written twice; different rows mean that the
+clock was set back.
+"""
 FILL = 1 << 16
-"""Most missing samples in one yielded block."""
+"""Largest number of missing samples in a yielded block."""
 LONGEST_GAP = 100.0
-"""Most missing samples in a gap per recorded sample; a longer gap means that the clock was set."""
+"""Largest number of missing samples in a gap, per recorded sample; a longer gap means that the clock was set."""
 UNKNOWN_S = 2.0
-"""Distance between two stretches separated by a jump of unknown length [s], longer than any filter."""
+"""Time put between two stretches that a jump of unknown length separates [s]; longer than any filter."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +66,7 @@ class Segment:
 
 @dataclass(frozen=True)
 class Clock:
-    """Start and rate of a time column, the mapping from rows to samples (one segment without jumps), and its jumps."""
+    """Start and rate of a time column, its mapping from rows to samples (one segment if it has no jump), and faults."""
 
     start_s: float
     rate_hz: float
@@ -95,7 +99,7 @@ class ClockScan:
             times = self._begin()
         self._take(times)
 
-    @np.errstate(all="ignore")  # times that are not finite are reported at the end
+    @np.errstate(all="ignore")  # `finish` reports times that are not finite
     def _begin(self) -> Array:
         times, self._held = np.concatenate([np.empty(0), *self._held]), []
         if len(times):
@@ -119,7 +123,7 @@ class ClockScan:
         self._count += len(times)
 
     def bends(self) -> bool:
-        """Whether the times, jumps excluded, deviate from a straight line by more than a step and `BENT` of the record."""
+        """Whether the times without their jumps deviate from a straight line by more than one step and more than `BENT`."""
         if not self._marks:
             return False
         rows, times = (np.concatenate(part) for part in zip(*self._marks, strict=True))
@@ -131,10 +135,7 @@ class ClockScan:
         return bool(np.ptp(line - ideal) > max(self._interval, BENT * float(np.ptp(line))))
 
     def finish(self, name: str, column: str, same: Same, *, trusted: bool) -> Clock:
-        """Finish the scan.
-
-        `same` (row, earlier row, count) compares rows, `trusted` is False if the user gave a sample rate.
-        """
+        """Finish the scan; `same` compares rows, and `trusted` is False if the user gave a sample rate."""
         if self._held:
             self._take(self._begin())
         whole = (Segment(0, self._count, 0),)
@@ -181,7 +182,7 @@ class ClockScan:
         twice: list[tuple[int, int]] = []
         back: list[list[int]] = []
         parted: list[Jump] = []
-        behind = 0  # delay of the clock at this row, in samples
+        behind = 0  # how late the clock is at this row, in samples
         skipped_to = 0
         missing = [round(jump * rate_hz) - 1 for jump in jumps.tolist()]
         for row, stop, jump, moved, after in zip(
@@ -193,7 +194,7 @@ class ClockScan:
                 back[-1][1], behind = at, 0
             elif (
                 moved < 0
-                and jump <= 0.0  # a copy has the time of its row
+                and jump <= 0.0  # a copy has the time of the row that it repeats
                 and row >= -moved
                 and same(row, row + moved, min(-moved, stop - row, COMPARED)).all()
             ):
@@ -248,7 +249,7 @@ class Jump(NamedTuple):
 
 
 def parted_at(column: str, jumps: Sequence[Jump]) -> Fault:
-    """Fault "time_jump" with the given jumps, which divide a log into stretches."""
+    """Make the fault "time_jump" of the jumps that divide a log into stretches."""
 
     def told(values: Sequence[float]) -> str:
         more = " ..." if len(values) > SHOWN else ""
@@ -266,12 +267,12 @@ def parted_at(column: str, jumps: Sequence[Jump]) -> Fault:
 
 
 def spliced(blocks: Blocks, segments: tuple[Segment, ...]) -> Blocks:
-    """Reader of samples from a reader of rows: missing samples are NaN, rows outside all segments are skipped."""
+    """Make a reader of samples from a reader of rows; missing samples are NaN, and rows outside all segments are skipped."""
     return laid_out(lambda _: ((segment, blocks) for segment in segments))
 
 
 def laid_out(segments_of: Callable[[str], Iterable[tuple[Segment, Blocks]]]) -> Blocks:
-    """`Blocks` of a channel from its segments, each with the reader of its rows; missing samples are NaN."""
+    """Make `Blocks` from the segments of a channel, each with its reader of rows; missing samples are NaN."""
 
     def read(channel: str, first: int, size: int) -> Iterator[Samples]:
         at = first
@@ -299,6 +300,6 @@ def without(segments: Sequence[Segment], rows: Spans) -> tuple[tuple[Segment, ..
                 kept.append(Segment(row, first - row, row + later))
                 hidden.append((first + later, stop + later))
                 row = stop
-        # The last segment may be empty, so that the length stays.
+        # The last segment is kept even if it is empty: its end is the number of samples.
         kept.append(Segment(row, end - row, row + later))
     return tuple(kept), np.array(hidden, dtype=np.int64).reshape(-1, 2)

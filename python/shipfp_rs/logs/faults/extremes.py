@@ -1,4 +1,4 @@
-"""Minimum and maximum of each short block of a channel, to read suspicious blocks alone again; rows written twice."""
+"""Minimum and maximum of each block of a channel, to select blocks that are read again; detection of rows written twice."""
 
 from __future__ import annotations
 
@@ -11,13 +11,15 @@ import numpy.typing as npt
 from shipfp_rs.support.arrays import Spans, joined
 
 TAPS, KEPT_BITS = 8, 4
-"""Successive samples in a hash, and number of its leading bits that are zero in the hashes that are kept, one in sixteen."""
+"""Number of successive samples in a hash; number of leading zero bits by which one hash in sixteen is selected and
+kept.
+"""
 HASHES = 2
-"""Successive hashes that must recur at the same distance before the samples are compared."""
+"""Least number of successive hashes that recur at the same distance, before samples are compared."""
 LONGEST = 1 << 20
 """Longest stretch that a logger may repeat [samples]: the size of its buffer."""
 FACTORS = np.random.default_rng(1).integers(1 << 62, 1 << 64, TAPS, dtype=np.uint64) | np.uint64(1)
-"""Odd factors of a hash; with multiples of each other, hashes of rounded signals would collide."""
+"""Random odd factors of a hash. If factors were multiples of each other, hashes of rounded signals would collide."""
 LEAST = 128
 """Shortest repeated stretch [samples]."""
 
@@ -25,10 +27,7 @@ LEAST = 128
 def repeated_rows(
     candidates: npt.NDArray[np.int64], equal: Callable[[int, int, int], npt.NDArray[np.bool_]], samples: int
 ) -> Spans:
-    """Spans of second copies, shape (K, 2), among `candidates` (row, lag) of `RepeatScan`, compared by `equal`.
-
-    A repeat longer than its own lag is not a copied buffer but a periodic signal without noise.
-    """
+    """Spans of second copies, shape (K, 2), among `candidates` (row, lag) of `RepeatScan`; `equal` compares rows."""
     found: list[Spans] = []
     for place, lag in candidates.tolist():
         if not equal(place, place + TAPS, lag).all():
@@ -41,6 +40,7 @@ def repeated_rows(
         differs = np.flatnonzero(~flags)
         begin = first + int(differs[differs < at].max(initial=-1)) + 1
         end = first + int(differs[differs > at].min(initial=len(flags)))
+        # A repeat longer than its lag is a periodic signal without noise, not a copied buffer.
         if LEAST <= end - begin <= lag:
             found.append(np.array([[begin + lag, end + lag]]))
     return joined(found)
@@ -51,7 +51,7 @@ Places = npt.NDArray[np.int64]
 
 
 class RepeatScan:
-    """Hashes of successive samples, which recur in order in a copy; the result does not depend on the chunks fed."""
+    """Search for copies by hashes of successive samples, fed in chunks of any length."""
 
     def __init__(self) -> None:
         self._held = np.empty(0, dtype=np.uint64)
@@ -79,7 +79,7 @@ class RepeatScan:
             self._compare()
 
     def _compare(self) -> None:
-        """Pair equal hashes at most `LONGEST` apart, and drop those that no later one can match."""
+        """Pair equal hashes at most `LONGEST` samples apart; drop the hashes that are too old to match later ones."""
         hashes = np.concatenate([self._hashes, *(one for one, _ in self._new)])
         places = np.concatenate([self._places, *(one for _, one in self._new)])
         order = np.lexsort((places, hashes))
@@ -92,7 +92,7 @@ class RepeatScan:
         self._compared_to = self._at
 
     def candidates(self) -> Places:
-        """First sample and distance of each run of hashes that recur at one distance, shape (C, 2)."""
+        """First sample and lag of each run of hashes that recur at the same lag, shape (C, 2)."""
         self._compare()
         pairs = np.concatenate(self._pairs)
         lag, place = pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))].T
@@ -103,7 +103,7 @@ class RepeatScan:
 
 
 class BlockExtremes:
-    """Extremes of blocks of equal length; the result does not depend on the chunks fed.
+    """Minimum and maximum of blocks of equal length; samples are fed in chunks of any length.
 
     Examples
     --------
@@ -130,7 +130,7 @@ class BlockExtremes:
             blocks = chunk[:whole].reshape(-1, self.block)
             with np.errstate(invalid="ignore"):
                 self._parts.append((blocks.min(axis=1), blocks.max(axis=1)))
-        # A copy: a view would keep the whole chunk in memory.
+        # A copy, since a view would keep the whole chunk in memory.
         self._rest = chunk[whole:].copy()
 
     def _column(self, side: int) -> npt.NDArray[np.float64]:
@@ -141,17 +141,17 @@ class BlockExtremes:
 
     @property
     def typical(self) -> float:
-        """Median magnitude of the block centres; NaN where all blocks have missing samples."""
+        """Median magnitude of the block centres; NaN if all blocks have missing samples."""
         known = np.abs(0.5 * (self.low + self.high))
         known = known[np.isfinite(known)]
         return float(np.median(known)) if known.size else np.nan
 
     @property
     def low(self) -> npt.NDArray[np.float64]:
-        """Minimum of each block, NaN with missing samples, shape (B,)."""
+        """Minimum of each block, shape (B,); NaN for a block with missing samples."""
         return self._column(0)
 
     @property
     def high(self) -> npt.NDArray[np.float64]:
-        """Maximum of each block, NaN with missing samples, shape (B,)."""
+        """Maximum of each block, shape (B,); NaN for a block with missing samples."""
         return self._column(1)

@@ -14,17 +14,19 @@ from shipfp_rs.logs.faults.extremes import BlockExtremes
 from shipfp_rs.support.arrays import Array, Spans, apart_from, joined, marks, runs
 
 CYCLES = 10
-"""Mains cycles in a block: 0.2 s at 50 Hz, the resolution in time."""
+"""Number of mains cycles in a block. The block (0.2 s at 50 Hz) is the resolution in time."""
 SIDE = 3
-"""Distance of the two reference frequencies from that of the mains, in bins of a block."""
+"""Distance of the two reference frequencies from the mains frequency, in frequency bins of a block."""
 ABOVE_SIDES = 4.0
-"""Least ratio of the amplitude of hum to that at the two reference frequencies."""
+"""Least ratio of the amplitude of hum to the mean amplitude at the two reference frequencies."""
 LEAST_BLOCKS = 3
 """Least number of successive blocks with hum. A jump of the signal looks like hum in one or two blocks."""
 BATCH = 64
-"""Blocks processed together. A fixed number makes rounding errors independent of the length of the chunks."""
+"""Number of blocks processed together. It is fixed, so rounding errors do not depend on the length of the chunks."""
 NOTCH_S = 0.5
-"""Window for the hum's amplitude and phase [s]. All other content within 4 Hz is removed, too."""
+"""Length of the window that estimates the hum's amplitude and phase [s]. Other content within 4 Hz of the mains
+frequency is also removed.
+"""
 
 
 class HumScan:
@@ -57,7 +59,7 @@ class HumScan:
 
     @np.errstate(invalid="ignore")  # blocks with missing samples count as free of hum
     def _waves(self, blocks: npt.NDArray[Any]) -> Array:
-        # The level, which has no content in these bins, is subtracted to keep digits in single precision.
+        # Subtracting the level, which has no content in these bins, preserves digits in single precision.
         level = np.subtract(blocks, blocks[:, :1], dtype=np.float32)
         return np.asarray((level @ self._weights).astype(np.float64))
 
@@ -76,7 +78,7 @@ class HumScan:
 
 
 def hum_in(samples: Array, first: int, spans: Spans, rate_hz: float, mains_hz: float = 50.0) -> Array:
-    """Hum in finite samples that start at index `first`, shape (N,); zero outside the spans."""
+    """Hum in samples without gaps, the first of which has index `first`, shape (N,); zero outside the spans."""
     flags = marks(spans, first, first + len(samples))
     turn = np.exp(2j * np.pi * mains_hz / rate_hz * np.arange(len(samples)))
     window = np.hanning(round(NOTCH_S * rate_hz) | 1)
@@ -99,28 +101,31 @@ LEAST_STILL = 2 * LEAST_BLOCK
 PIECE = 1 << 19
 """Samples reread at once."""
 NEARBY = 128
-"""Samples before and after a stretch without change that show whether the channel is otherwise noisy."""
+"""Number of samples before and after a constant stretch that show whether the channel is otherwise noisy."""
 QUANTA = 3.0
 """Sample-to-sample changes below this multiple of a float's resolution are rounding, not noise."""
 STEPS = 1.5
 """Changes below this multiple of the channel's smallest step are rounding, too: rounding alone causes changes of one step.
 """
 ROUGH = 0.7
-"""Least ratio of the mean size of a noisy signal's second differences to that of its first differences: the ratio is 1.7
-for white noise, near 0 for a smooth signal; a single step has little effect on means, unlike on root mean squares.
+"""A signal is noisy if the mean size of its second differences exceeds this multiple of the mean size of its first
+differences. The ratio is 1.7 for white noise and near 0 for a smooth signal. A single step affects means less than
+root mean squares.
 """
 ALONE = 0.25
-"""A channel's maximum may be a spike instead of the sensor's limit if this ratio is exceeded: highest minus second highest
-block maximum, over highest minus median block maximum.
+"""A channel's maximum may be a spike, not the sensor's limit, if it exceeds the second highest block maximum by more
+than this fraction of its distance from the median block maximum.
 """
 CROWDED = 0.25
-"""Largest number of samples one step below the limit of a clipped signal, relative to the number at the limit."""
+"""A clipped signal has at most this ratio between its samples one step below the limit and its samples at the limit."""
 LOOKED_AT = 64
-"""Number of blocks and stretches at a limit that are examined; later ones are not."""
+"""Largest number of blocks, and of stretches, at a limit that are examined."""
 ONE_SIDE = 0.05
-"""Largest fraction of blocks of the rarer sign in a channel that is searched for dropouts to zero."""
+"""A channel is searched for dropouts to zero only if at most this fraction of its blocks has the rarer sign."""
 NEAR_ZERO = 0.2
-"""Dropouts are searched if the lowest tenth of a channel's magnitudes is above this fraction of their median."""
+"""A channel is searched for dropouts only if the 10 % quantile of its magnitudes is above this fraction of their
+median.
+"""
 
 
 @dataclass(frozen=True)
@@ -134,7 +139,7 @@ class LevelLimits:
     dropout_share: float = 0.01
     """Largest magnitude that counts as zero, relative to the channel's typical level."""
     clipped_samples: int = 8
-    """Least number of samples at a channel's extreme value for this value to count as a rail."""
+    """Least number of samples at a channel's extreme value, for it to count as the sensor's limit."""
     spike_s: float = 0.05
     """Longest spike [s]: a shorter stretch at an extreme value is a spike if no other sample is near this value."""
 
@@ -143,19 +148,14 @@ class LevelLimits:
         return max(self.stuck_s * rate_hz, LEAST_STILL)
 
     def block(self, rate_hz: float) -> int:
-        """Samples in a block of the first pass, fine enough for the shortest stretch."""
+        """Number of samples in a block of the first pass: at most half the shortest stuck stretch."""
         return int(min(max(self.still_samples(rate_hz) // 2, LEAST_BLOCK), MOST_BLOCK))
 
 
 def find_level_faults(
     extremes: BlockExtremes, read: Read, rate_hz: float, limits: LevelLimits | None = None
 ) -> dict[str, Spans]:
-    """Spans of each kind of level fault in a channel, indexed from the first sample fed to `extremes`.
-
-    `read` returns samples by the same index; it is called for suspicious blocks and their neighbours. A stuck or clipped
-    channel has noise before or after the stretch; a constant signal without noise, such as a simulated set point, has
-    none and is not reported.
-    """
+    """Spans of each kind of level fault; spans, and the samples of `read`, count from the first sample fed to `extremes`."""
     limits = limits or LevelLimits()
     suspects = _Suspects(extremes, read)
     low, high = extremes.low, extremes.high
@@ -172,7 +172,8 @@ def find_level_faults(
     found["dropout"] = _dropouts(suspects, low, high, rate_hz, limits)
     still = suspects.runs_of(known & (low == high), _repeats, beside=1)
     still = still[still[:, 1] - still[:, 0] >= limits.still_samples(rate_hz)]
-    # A channel that never changes is always reported, although it has no noise beside the stretch.
+    # A stuck channel has noise before or after the stretch; a constant set point without noise is not reported.
+    # A channel that never changes is always reported.
     never_moves = np.nanmin(low) == np.nanmax(high) and len(still)
     found["stuck"] = apart_from(still if never_moves else suspects.beside_noise(still), found["dropout"])
     clipped = [
@@ -191,14 +192,14 @@ class _Suspects:
         self.block, self.count, self.read = extremes.block, extremes.samples, read
 
     def samples(self, block: int, beside: int = 0) -> Array:
-        # A copy: a view would keep the whole piece in memory.
+        # A copy, since a view would keep the whole piece in memory.
         first, stop = block * self.block - beside, (block + 1) * self.block + beside
         return self.read(max(first, 0), min(stop, self.count)).copy()
 
     def runs_of(
         self, odd: npt.NDArray[np.bool_], flag: Callable[[Array], npt.NDArray[np.bool_]], beside: int = 0
     ) -> Spans:
-        """Runs of samples flagged by `flag` in the blocks marked in `odd` and in `beside` blocks on either side."""
+        """Runs of samples for which `flag` is true, in the blocks marked in `odd` and in `beside` blocks on either side."""
         stretches = runs(odd) + np.array([-beside, beside])
         found = [
             first + runs(flag(self.read(first, stop)))
@@ -213,10 +214,7 @@ class _Suspects:
                 yield start, min(start + PIECE + 1, stop)
 
     def beside_noise(self, spans: Spans) -> Spans:
-        """Select the spans with noise directly before or after, at whose ends or beside which steps exceed the smallest.
-
-        The crest of a slow, coarsely rounded sine begins and ends with a smallest step, and most steps beside it are such.
-        """
+        """Select the spans beside noise, unless their end steps and most steps nearby are the smallest step."""
 
         def noisy(start: int, stop: int) -> bool:
             before = self.read(max(start - NEARBY, 0), start) if start else np.empty(0)
@@ -227,6 +225,7 @@ class _Suspects:
             steps = np.abs(np.diff(around))
             moved = steps[np.isfinite(steps) & (steps > 0.0)]
             ends = steps[[k for k in (len(before) - 1, len(steps) - len(after)) if 0 <= k < len(steps)]]
+            # The crest of a slow, coarsely rounded sine begins and ends with a smallest step, as are most steps beside it.
             usual, smallest = np.quantile(moved, (0.5, 0.1))
             return bool(np.nanmax(ends, initial=usual) > STEPS * smallest) or not np.isfinite(ends).all()
 

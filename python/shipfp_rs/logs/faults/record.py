@@ -15,7 +15,7 @@ from shipfp_rs.support.files import words_of
 KINDS: Mapping[str, str] = MappingProxyType(words_of("fault_kinds"))
 """Kinds of faults, with descriptions; A to D3 are in Table 6.10 of the thesis."""
 SHOWN = 5
-"""Most stretches listed in a message."""
+"""Largest number of stretches listed in a message."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class Fault:
         Whether fits omit these samples: true if they were filled in or are doubtful, false if the fault was only
         reported, or removed without changing the measurement.
     of
-        Channel whose samples the spans count, if `channel` is a column of time.
+        Channel to whose samples the spans refer, if `channel` is a time column.
     """
 
     kind: str

@@ -17,7 +17,9 @@ if TYPE_CHECKING:
 
 
 PIECE, KEPT = 1 << 18, 2
-"""Samples read at once, and number of such pieces of a channel in memory: a row and its copy may lie in two."""
+"""Number of samples read at once, and number of such pieces in memory: two, since a row and its copy may be in
+different pieces.
+"""
 
 
 def scan(
@@ -30,10 +32,7 @@ def scan(
     least_hum: float = 1e-3,
     repeats: bool = False,
 ) -> dict[str, Spans]:
-    """Spans of the faults in samples [first, stop) of an analogue channel, by kind of fault.
-
-    Hum is detected only with a mains frequency, and repeated rows only on request.
-    """
+    """Spans of the faults in samples [first, stop) of an analogue channel, by kind; hum is detected only with `mains_hz`."""
     log, about = channel_rows.log, channel_rows.channel
     limits = limits or LevelLimits()
     extremes = BlockExtremes(limits.block(about.rate_hz))
@@ -58,10 +57,7 @@ def scan(
 
 
 def _repeated(log: Log, about: Channel, first: int, stop: int, prints: RepeatScan) -> Spans:
-    """Rows written twice in every channel of the same rate and length.
-
-    A channel without noise, such as a quantised set point on a bus, may repeat by chance; a noisy channel does not.
-    """
+    """Spans of rows written twice in every channel of the same rate, length and start."""
     readers = [
         Pieces(lambda: log, other, PIECE, KEPT).read
         for other in log.channels.values()
@@ -74,5 +70,6 @@ def _repeated(log: Log, about: Channel, first: int, stop: int, prints: RepeatSca
         return same(first + start + lag, first + start, end - start)
 
     found = repeated_rows(prints.candidates(), equal, stop - first)
+    # A channel without noise, such as a quantised set point on a bus, may repeat by chance; a noisy channel does not.
     proven = [any(is_rough(read(first + start, first + end)) for read in readers) for start, end in found]
     return found[np.array(proven, dtype=np.bool_)]

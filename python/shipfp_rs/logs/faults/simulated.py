@@ -21,7 +21,7 @@ def lose(samples: Array, kind: str, spans: Sequence[tuple[int, int]]) -> Array:
 
 
 def clip(samples: Array, share: float) -> tuple[Array, Spans]:
-    """Clip the given fraction of samples, the highest ones, and return their spans."""
+    """Clip the highest samples, the fraction `share` of all, and return their spans."""
     limit = float(np.nanquantile(samples, 1.0 - share))
     return np.minimum(samples, limit), runs(samples > limit)
 
@@ -35,10 +35,7 @@ def hum(samples: Array, rate_hz: float, mains_hz: float, amplitude: float, start
 
 
 def write_twice(channels: Mapping[str, Array], start: int, count: int, *, over: bool) -> dict[str, Array]:
-    """Repeat `count` rows from `start` on in all channels.
-
-    The copy overwrites the following rows (`over`) or delays them.
-    """
+    """Repeat `count` rows from `start` on in all channels; the copy replaces the following rows (`over`) or delays them."""
     stop = start + count
     rest = stop + count if over else stop
     return {

@@ -16,11 +16,13 @@ from shipfp_rs.support.units import Calibration
 PIECE = 1 << 18
 """Samples processed together."""
 SHORTEST = 2
-"""Number of samples that a spike may have in a slow channel, even if they last longer than the longest spike."""
+"""Number of samples that a spike may have even if they last longer than the longest spike, as in a slow channel."""
 BY_A_CLOCK, LONGEST_HELD_S = 0.9, 0.2
-"""A channel holds its values if at least this fraction of its changes is at multiples of one period; longest period [s]."""
+"""A channel holds its values if more than this fraction of its changes is at multiples of one period; longest period
+[s].
+"""
 BESIDE_S, LEAST_BESIDE = 2.0, 64
-"""Context on either side of a piece, for the noise near its ends: duration [s] and least number of samples."""
+"""Margin read on either side of a piece, for the noise near its ends: duration [s] and least number of samples."""
 
 
 class SpikeLimits(Protocol):
@@ -43,14 +45,11 @@ def spikes_between(
     *,
     steps: bool = False,
 ) -> Spans:
-    """Spikes of calibrated samples, of which those in `missing` are interpolated.
-
-    A spike may have `shortest` samples in a slow channel, and may last as long as each value of a channel that holds
-    its values, such as that of a power analyser or a bus. `steps`: the signal itself may have steps, such as a set
-    point.
-    """
+    """Spans of spikes in calibrated samples after interpolation of `missing`; `steps`: the signal itself may have steps."""
     filled = bridge(samples, missing)
     held = 1 if steps else held_samples(filled, rate_hz)
+    # A spike in a slow channel may have `shortest` samples.
+    # If a power analyser or a bus holds each value, a spike may last as long as one value.
     longest_s = max(limits.longest_s, shortest / rate_hz, held / rate_hz)
     # Long gaps are excluded: beside interpolated samples without noise, normal noise would look like spikes.
     absent = np.zeros(len(samples), dtype=np.bool_)
@@ -67,7 +66,7 @@ def spikes_between(
 
 
 def spikes_along(samples: Array, rate_hz: float, limits: SpikeLimits) -> Spans:
-    """Spikes of a long signal, NaN where it is missing; Ctrl-C is checked after each piece."""
+    """Spans of spikes in a long signal whose missing samples are NaN; Ctrl-C is checked after each piece."""
     beside = max(round(BESIDE_S * rate_hz), LEAST_BESIDE)
 
     def found() -> Iterator[Spans]:
@@ -100,12 +99,7 @@ def spikes_of(
     *,
     steps: bool = False,
 ) -> Spans:
-    """Spans of spikes in a whole channel, outside the spans of other faults, `lost`.
-
-    A spike differs from its neighbours by more than `limits.threshold` times `noise`, the standard deviation of the
-    channel's noise in recorded units, also where the level is near zero. The least relative height of a spike applies to
-    calibrated values, if the calibration is known. `steps`: the signal itself may have steps.
-    """
+    """Spans of spikes in a channel apart from the faults `lost`; `noise` is its standard deviation in recorded units."""
     rate_hz, count = rows.channel.rate_hz, rows.channel.samples
     beside = max(round(BESIDE_S * rate_hz), LEAST_BESIDE)
 
@@ -121,6 +115,7 @@ def spikes_of(
             starts, stops = (low + spans).T
             own = (starts >= begin) & (starts < end)
             own &= (starts > 0) & (stops < count)  # an excursion at an end of the log need not be a spike
+            # The height is also compared with the noise: where the level is near zero, the relative height says little.
             stands_out = [not _height(raw, *span) <= limits.threshold * noise for span in spans.tolist()]
             yield low + spans[own & np.array(stands_out, dtype=np.bool_)]
 
@@ -128,6 +123,6 @@ def spikes_of(
 
 
 def _height(samples: Array, start: int, stop: int) -> float:
-    """Height of a spike above its neighbouring samples; NaN where these are missing."""
+    """Height of a spike above its neighbouring samples; NaN if these are missing."""
     level = 0.5 * (samples[max(start - 1, 0)] + samples[min(stop, len(samples) - 1)])
     return float(np.abs(samples[start:stop] - level).max())

@@ -1,4 +1,4 @@
-"""Feather and Arrow IPC files, memory-mapped. The complete record batches of a truncated file are read."""
+"""Feather and Arrow IPC files, memory-mapped. Of a truncated file, the complete record batches are read."""
 
 from __future__ import annotations
 

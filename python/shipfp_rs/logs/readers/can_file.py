@@ -20,17 +20,19 @@ CONSOLE = re.compile(
     r"\s*\((?P<time>[^)]+)\)\s+(?P<bus>\S+)(?:\s+[RT]X\b[ \-BE]*)?\s+(?P<id>[0-9A-Fa-f]{3,8})"
     r"\s+\[\d+\]\s+(?P<data>(?:[0-9A-Fa-f]{2}\s+)+)"
 )
-"""A frame as candump prints it on a console."""
+"""Pattern of a frame as candump prints it on a console."""
 BACK = 0.1
-"""Share of lines with a time before the previous line's, above which all times are differences (candump -td)."""
+"""If more than this fraction of lines has an earlier time than the line before, all times are differences (candump
+-td).
+"""
 STAMP = re.compile(r"\s*(\d+\.\d+)(?=\s)")
-"""Time of a line of Vector ASC."""
+"""Pattern of the time stamp in a line of Vector ASC."""
 
 
 @register_reader(".blf", ".trc", takes=("names",))
 @in_child("can", extra="can")
 def open_can(path: Path, rate_hz: float | None, names: str | None = None) -> Log:
-    """Open a log of frames; each signal of the DBC, or of J1939's engine messages, becomes a channel."""
+    """Open a CAN log; each signal of the DBC, or of J1939's engine messages, becomes a channel."""
     times, identifiers, extended, payloads, buses = [], [], [], [], []
     for message in _reader(path):
         if message.is_error_frame or message.is_remote_frame:
@@ -67,7 +69,7 @@ def _reader(path: Path) -> Any:
 
 
 def _absolute(text: str) -> str:
-    """Return the text of a Vector ASC file with times from the start; times relative to the line before are added up."""
+    """Return the text of a Vector ASC file with times since the start; times relative to the line before are accumulated."""
     lines = text.splitlines()
     if not any(re.match(r"base\s+\w+\s+timestamps\s+relative", line.strip()) for line in lines[:5]):
         return text
@@ -80,7 +82,7 @@ def _absolute(text: str) -> str:
 
 
 def _logged(path: Path, text: str) -> str:
-    """Text of candump as it logs frames, also if it was printed on a console."""
+    """Return the text of a candump log; console output is converted to candump's log format."""
     lines = text.splitlines()
     shown = [CONSOLE.match(f"{line} ") for line in lines]
     if not any(shown[:20]):

@@ -18,7 +18,7 @@ from shipfp_rs.logs.readers.time_cells import EPOCH
 from shipfp_rs.support.files import words_of
 
 SPECIAL = 0xFB
-"""J1939 numbers whose highest byte is at least this are codes without a value: parameter specific, reserved, error, not
+"""A J1939 number whose highest byte is at least this is a code, not a value: parameter specific, reserved, error, not
 available.
 """
 ECHO_S = 5e-3
@@ -29,7 +29,7 @@ EPOCH_S = 9.4e8
 
 @dataclass(frozen=True)
 class Frames:
-    """Frames of a bus in order of time, payloads padded with zeros."""
+    """Frames of a bus in order of time; payloads are padded with zeros."""
 
     time_s: npt.NDArray[np.float64]
     identifier: npt.NDArray[np.uint32]
@@ -41,7 +41,7 @@ class Frames:
 
     @classmethod
     def of(cls, *columns: Any) -> Frames:
-        """Frames from columns of any type, in the order of the fields."""
+        """Make frames from columns of any type, in the order of the fields."""
         kinds = (np.float64, np.uint32, np.bool_, np.uint8, np.int64, np.str_)
         return cls(*(np.asarray(column, dtype=kind) for column, kind in zip(columns, kinds, strict=True)))
 
@@ -65,7 +65,9 @@ class Signal:
     is_float: bool = False
     selector: Signal | None = None
     selected: tuple[int, ...] = ()
-    """For a multiplexed signal: the multiplexer signal, and its values for which the multiplexed signal is present."""
+    """For a multiplexed signal: `selector` is the multiplexer, `selected` has its values for which the signal is
+    present.
+    """
 
     @property
     def first_bit(self) -> int:
@@ -104,7 +106,7 @@ class Signal:
 
 @dataclass(frozen=True)
 class Message:
-    """Message of the bus, selected by identifier, or by parameter group (J1939) from any sender."""
+    """Message of the bus; its frames are found by identifier, or by parameter group (J1939) from any sender."""
 
     name: str
     identifier: int
@@ -127,7 +129,7 @@ def parameter_group(identifier: npt.NDArray[np.uint32]) -> npt.NDArray[np.uint32
 
 
 def _requests(signals: Sequence[Signal]) -> Iterator[Signal]:
-    """Signals of TSC1, each where the override asks for it: control of speed (1), of torque (2), or their limits (3)."""
+    """Signals of TSC1 by override mode: speed control (1), torque control (2), or limits of both (3)."""
     mode = Signal("EngOverrideCtrlMode", "", 0, 2)
     for signal in signals:
         asked = {(8, 16): 1, (24, 8): 2}.get((signal.start, signal.length))
@@ -200,10 +202,7 @@ def _signal(signal: Any) -> Signal:
 
 
 def log_of_frames(path: Path, frames: Frames, names: str | None, zero: datetime | None = None) -> Log:
-    """Signals of a bus as channels, each on an even grid at the rate of its message; the resolution is one bit.
-
-    A signal name shared by several buses, messages or senders is prefixed with those of them that make it unique.
-    """
+    """Log with a channel for each signal of a bus, on an even grid at the rate of its message; the resolution is one bit."""
     messages = messages_of(path, names)
     if not len(frames.time_s):
         raise InputError(f"{path}: no frames in it")
@@ -233,7 +232,7 @@ def log_of_frames(path: Path, frames: Frames, names: str | None, zero: datetime 
 
 @dataclass(frozen=True)
 class Key:
-    """Key of a message: bus, message, source address, and the destination of a group that has one, else -1."""
+    """Key of a message: bus, message, source address, and destination if the parameter group has one, else -1."""
 
     bus: str
     message: Message
@@ -242,7 +241,7 @@ class Key:
 
 
 def _name(key: Key, signal: Signal, others: Sequence[Key]) -> str:
-    """Name of a signal, after those parts of its key in which others with a signal of this name differ."""
+    """Name of a signal, prefixed with the parts of its key that distinguish it from signals of the same name."""
     alike = [other for other in others if any(own.name == signal.name for own in other.message.signals)]
     own = [other for other in alike if other.message.key == key.message.key]
     parts = [key.message.name if len({other.message.key for other in alike}) > 1 or len(own) > 1 else ""]
@@ -255,10 +254,7 @@ def _name(key: Key, signal: Signal, others: Sequence[Key]) -> str:
 
 
 def _found(messages: Sequence[Message], frames: Frames) -> list[tuple[Key, npt.NDArray[np.intp]]]:
-    """Each message on each bus, by its source and destination, with the indices of its frames.
-
-    A bus that was heard twice counts once: its frames have the same bytes at nearly the same times.
-    """
+    """Each message by bus, source and destination, with indices of its frames; echoes on other interfaces are left out."""
     found: list[tuple[Key, npt.NDArray[np.intp]]] = []
     groups = parameter_group(frames.identifier)
     for (kind, number), message in {message.key: message for message in messages}.items():
@@ -281,7 +277,7 @@ def _found(messages: Sequence[Message], frames: Frames) -> list[tuple[Key, npt.N
 
 
 def _is_echo(frames: Frames, others: Frames) -> bool:
-    """Whether nearly all frames are those of another bus, at nearly the same times."""
+    """Whether nearly all frames have an equal frame on another bus at nearly the same time."""
     after = np.clip(np.searchsorted(others.time_s, frames.time_s), 1, len(others.time_s) - 1)
     before = frames.time_s - others.time_s[after - 1] < others.time_s[after] - frames.time_s
     nearest = others.take(after - before)
@@ -292,7 +288,7 @@ def _is_echo(frames: Frames, others: Frames) -> bool:
 def _rows_of(
     message: Message, frames: Frames, rows: npt.NDArray[np.intp]
 ) -> Iterator[tuple[Signal, npt.NDArray[np.intp]]]:
-    """Signals of a message and indices of its frames: long enough, and with the right multiplexer value."""
+    """Signals of a message, each with the indices of the frames that are long enough and have its multiplexer value."""
     for signal in message.signals:
         own = rows[frames.length[rows] * 8 >= signal.first_bit + signal.length]
         if signal.selector is not None and len(own):

@@ -48,7 +48,7 @@ class _Server:
         """Growth of this process's memory since its first file [bytes]."""
 
     def answer(self, request: dict[str, Any]) -> Any:
-        """What was asked for, or the `InputError` that says why not."""
+        """Return what was requested, or the `InputError` that explains why it is not available."""
         try:
             with one_line_errors(Path(request["open"][3] if "open" in request else self._path)):
                 if "open" in request:

@@ -1,7 +1,7 @@
 """Child processes that open files for their parent process and end with the parent.
 
-On damaged files, the native code of readers' packages may crash, loop forever or request any amount of memory. In a child
-process, such a failure becomes an error message and does not end the user's session.
+On damaged files, the native code of third-party readers may crash, loop forever or request any amount of memory. In a
+child process, such a failure becomes an error message and does not end the user's session.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class Child:
     """Child process that answers requests; see `child.py`."""
 
     def __init__(self) -> None:
-        # The buffers of more threads would count as used memory.
+        # One thread, since the buffers of more threads would count as used memory.
         environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
         self._process = subprocess.Popen(
             [sys.executable, "-c", START, json.dumps(sys.path)],
@@ -66,13 +66,7 @@ class Child:
         return self.usable() and self._grown < TIRED_BYTES
 
     def ask(self, request: dict[str, Any], limit_s: float) -> Any:
-        """Send a request and return the answer.
-
-        Raises
-        ------
-        TimeoutError, EOFError, OSError
-            If the child hangs or ends; it is then ended.
-        """
+        """Send a request and return the answer; raises TimeoutError, EOFError or OSError if the child hangs or ends."""
         with self.lock:
             late = threading.Event()
 
@@ -127,7 +121,7 @@ def _ending(status: int) -> str:
 
 LOCK = threading.RLock()
 _idle: list[Child] = []
-"""At most one child, kept for the next file."""
+"""The idle child process, kept for the next file; at most one."""
 
 
 def take() -> Child:
@@ -153,7 +147,7 @@ def end_idle() -> None:
 
 
 LIMIT_S = 30.0
-"""Longest wait for a child's answer [s], without the additional second for every 5 MB of the file."""
+"""Longest wait for a child's answer [s]; one second is added for every 5 MB of the file."""
 
 
 def in_child(package: str, *, extra: str) -> Callable[[Reader], Reader]:
@@ -175,7 +169,7 @@ def in_child(package: str, *, extra: str) -> Callable[[Reader], Reader]:
 
 
 class _Source:
-    """A file, reopened by any available child while one of its channels is being read."""
+    """A file that is read by a child process; any available child can open it again."""
 
     def __init__(
         self, package: str, reader: Reader, path: Path, rate_hz: float | None, options: dict[str, str]
@@ -220,7 +214,7 @@ class _Source:
                     yield block
                     start = False
             finally:
-                # The number is sent with the next request, since another request may be in progress.
+                # The stream's number is sent with the next request, since another request may be in progress.
                 child.drop.append(stream)
 
     @contextlib.contextmanager

@@ -1,4 +1,4 @@
-"""Channels in nested variables: structs, matrices with named columns, the times that belong to each, and their log."""
+"""Channels in nested variables: structs, matrices with named columns, and the times of each channel."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from shipfp_rs.logs.time_axis import TimeAxis, time_axis
 
 @dataclass(frozen=True)
 class Found:
-    """Channel, grid of its times, its start, if the file has one, and a note on what was taken for its times."""
+    """Channel with its time grid, its start if the file has one, and a note on its time column."""
 
     channel: Channel
     axis: TimeAxis | None = None
@@ -43,7 +43,7 @@ class Found:
         start_utc: datetime | None = None,
         resolution: float = 0.0,
     ) -> Found:
-        """Channel on the grid of a time axis, found as `plan` says."""
+        """Make a channel on the grid of a time axis; `plan` is the interpretation of its times."""
         channel = Channel(name, unit, axis.rate_hz, axis.samples, axis.start_s, resolution)
         return cls(channel, axis, (plan and plan.zero) or start_utc, plan.note if plan else "")
 
@@ -51,10 +51,7 @@ class Found:
 def log_of_found(
     path: Path, found: Sequence[Found], rows: Blocks, notes: Sequence[str] = (), *, quiet: bool = False
 ) -> Log:
-    """Log of the channels found. Its clock starts with the earliest channel; `rows` yields the recorded rows.
-
-    Faults of its clocks are warned of unless `quiet`.
-    """
+    """Log of the channels found, whose clock starts with the earliest one; `quiet` suppresses warnings of clock faults."""
     zero = min((each.start_utc for each in found if each.start_utc), default=None)
     channels = [
         replace(each.channel, start_s=each.channel.start_s + (each.start_utc - zero).total_seconds())
@@ -74,7 +71,7 @@ def log_of_found(
 
 
 def tell_left_out(path: Path, why: str, names: Sequence[str], *, all_of_them: bool) -> None:
-    """Warn of omitted channels; `InputError` if all channels of the file are omitted."""
+    """Warn of omitted channels; `InputError` if no channel is left."""
     if names and all_of_them:
         raise InputError(f"{path}: {why}: {', '.join(names)}; expected at least one channel of numbers")
     if names:
@@ -82,9 +79,9 @@ def tell_left_out(path: Path, why: str, names: Sequence[str], *, all_of_them: bo
 
 
 VALUES = ("data", "values", "value", "y", "signal", "samples")
-"""Names of the field that holds the samples in a struct of one channel."""
+"""Possible names of the field with the samples in a struct that describes one channel."""
 LABELS = re.compile("names|labels|channels|headers?|columns|colheaders|channel_?names|signals")
-"""Names of a variable that lists the names of a matrix's columns."""
+"""Possible names of a variable that lists the names of a matrix's columns."""
 MOST_COLUMNS = 256
 LEAST_ROWS = 8
 """A matrix with more columns, fewer rows, or fewer than two rows per column is not a table of channels."""
@@ -99,7 +96,7 @@ def is_table(shape: tuple[int, ...]) -> bool:
 
 @dataclass(frozen=True)
 class Row:
-    """Numbers along one axis: name without unit, unit, length, and a function to read them."""
+    """A vector of numbers: name without unit, unit, length, and a function that reads it."""
 
     name: str
     unit: str
@@ -108,7 +105,7 @@ class Row:
 
 
 def column_names(count: int, beside: Mapping[str, Sequence[str]], base: str) -> list[str]:
-    """Names of a matrix's columns: from a list of this length in the same struct, else `base` with a number."""
+    """Names of a matrix's columns: a list of this length in the same struct, else `base` with a number."""
     fitting = {name: words for name, words in beside.items() if len(words) == count}
     chosen = next(
         (fitting[name] for name in fitting if LABELS.fullmatch(posixpath.basename(name).lower())), None
@@ -121,13 +118,13 @@ def column_names(count: int, beside: Mapping[str, Sequence[str]], base: str) -> 
 
 
 def named_time(row: Row, rows: Mapping[str, Row]) -> str:
-    """Key of the times named after a row; "" without."""
+    """Key of the time vector named after a row; "" if there is none."""
     fits = (key for key in rows if row.name.lower() in timed_by(key) and rows[key].length == row.length)
     return next(fits, "")
 
 
 def times_among(keys: Collection[str]) -> set[str]:
-    """Keys of times: those whose last part means time, or that are named after another key."""
+    """Keys of time vectors: their last part means time, or they are named after another key."""
     lower = {key.lower() for key in keys}
     return {key for key in keys if is_time(split_bracketed(_last(key))[0]) or timed_by(key) & lower}
 
@@ -135,13 +132,11 @@ def times_among(keys: Collection[str]) -> set[str]:
 def time_of(
     row: Row, rows: Mapping[str, Row], scalars: Sequence[tuple[str, Any]] = ()
 ) -> tuple[str, float | None]:
-    """Return the key of the times that belong to a row, or "" and the sample rate if a rate is stated instead of times.
-
-    The nearest times are used: those named after the row, else those in the row's struct, else in a neighbouring
-    struct with nothing but times, else in the enclosing struct. Ambiguous times are ignored.
-    """
+    """Return the key of a row's time vector, or "" and the sample rate if that is stated instead."""
     if named := named_time(row, rows):
         return named, None
+    # The nearest times are used: in the row's struct, else in a neighbouring struct of only times, else in the outer one.
+    # Ambiguous times are ignored.
     times = {key for key in rows if is_time(split_bracketed(_last(key))[0])}
     plain = {posixpath.dirname(key) for key in rows if key not in times}
     above = row.name  # start with the fields of the row itself, which may be a struct of one channel
@@ -169,7 +164,7 @@ def _last(key: str) -> str:
 def axis_of(
     path: Path, key: str, row: Row, rows: Mapping[str, Row], *, trusted: bool = False
 ) -> tuple[TimeAxis, TimePlan]:
-    """Grid of a row of times among others, and their interpretation; with `trusted`, numbers without a unit are seconds."""
+    """Grid and interpretation of a time vector; with `trusted`, numbers without a unit are seconds."""
     import pyarrow as pa
 
     def cells(_: str) -> Iterator[Any]:

@@ -1,4 +1,4 @@
-"""Delimited text files (CSV): a first pass indexes the records and finds number types, later passes read any stretch."""
+"""Delimited text files (CSV). A first pass indexes the records and finds number types; later passes read any stretch."""
 
 from __future__ import annotations
 
@@ -23,16 +23,12 @@ from shipfp_rs.logs.readers.table import METADATA_KEY, Options, log_of_table
 from shipfp_rs.logs.readers.time_cells import is_date, is_time
 
 PART = 1 << 22
-"""Bytes of text parsed at once."""
+"""Number of bytes of text parsed at once."""
 
 
 @register_reader(".csv", ".txt", ".tsv", ".tab", ".prn", ".lvm", ".log", ".asc", ".msl", takes=("time",))
 def open_delimited(path: Path, rate_hz: float | None, time: str | None = None) -> Log:
-    """Open a delimited file; delimiter, decimal mark, headings, units, time and rate are detected in its first lines.
-
-    A last line without a line end may be truncated, even within a number, and is omitted with a warning. Text after the
-    last record is omitted, too.
-    """
+    """Open a delimited file; delimiter, decimal mark, headings, units, time and rate are detected in its first lines."""
     layout = find_layout(path)
     index = _Index(path, layout)
     for start, text, length in _parts(path, layout, layout.bytes_before):
@@ -40,7 +36,7 @@ def open_delimited(path: Path, rate_hz: float | None, time: str | None = None) -
     if layout.footer:
         shown = " | ".join(layout.footer)[:60]
         warn(path, f"{len(layout.footer)} lines after the last record are left out: {shown!r}")
-    else:
+    else:  # a last line without a line end may be truncated, even within a number
         _warn_of_rest(path, layout, index.end)
     for place, cells in index.others.items():
         if cells:
@@ -88,7 +84,7 @@ def open_delimited(path: Path, rate_hz: float | None, time: str | None = None) -
 
 
 def _named(layout: Layout) -> list[tuple[str, dict[str, Any]]]:
-    """Name with unit, and metadata, of each column; a repeated heading also refers to the column whose quality it may be."""
+    """Heading with unit, and metadata, of each column; a repeated heading, as of status columns, gets its column's name."""
     began = {"start_s": layout.start_s} if layout.start_s else {}
     named: list[tuple[str, dict[str, Any]]] = [(heading, began) for heading in layout.headings]
     count = Counter(heading for heading in layout.headings if not (is_time(heading) or is_date(heading)))
@@ -151,7 +147,7 @@ def _warn_of_rest(path: Path, layout: Layout, end: int) -> None:
 
 @dataclass
 class _Index:
-    """First row and byte of each part of a file, and the column types found so far."""
+    """First row and byte of each part of a file, and the column types of the parts indexed so far."""
 
     path: Path
     layout: Layout
@@ -163,11 +159,11 @@ class _Index:
         self.kinds = [pa.null()] * len(self.layout.headings)
         self._least = [0] * len(self.kinds)
         self.end = self.layout.bytes_before
-        """Byte after the last whole line."""
+        """Offset of the byte after the last whole line."""
         self.loose: set[int] = set()
-        """Columns of numbers with thousands separators, units or words among them."""
+        """Columns of numbers in which some cells have thousands separators or units, or are words."""
         self.others: dict[int, list[str]] = {}
-        """Cells of such columns that are no numbers."""
+        """Cells of the columns in `loose` that are not numbers."""
         self.blank: set[int] = set()
         """Columns with empty cells."""
 
@@ -227,7 +223,7 @@ def _is_known(kind: pa.DataType) -> bool:
 
 
 def _wider(one: pa.DataType, other: pa.DataType, negative: bool) -> pa.DataType:
-    """Type that holds the values of both types."""
+    """Type that can hold the values of both types."""
     if one == other or other == pa.null():
         return one
     if one == pa.null():
@@ -249,10 +245,7 @@ def _parse(
     *,
     all_columns: bool = False,
 ) -> pa.Table:
-    """Parse lines, the first of which is record `row`.
-
-    Types are those in `only`, else inferred; other columns are omitted unless `all_columns`.
-    """
+    """Parse lines from record `row` on; types are those in `only`, else inferred; other columns only if `all_columns`."""
     names = [str(k) for k in range(len(layout.headings))]
     encoding = "utf-8" if layout.wide == 2 else layout.encoding
     types: dict[str, Any] = {names[k]: kind for k, kind in (only or {}).items()}

@@ -28,13 +28,13 @@ from shipfp_rs.support import units
 Kind = Literal["number", "time", "text"]
 
 SAMPLE = 1 << 16
-"""Bytes in which the layout is detected."""
+"""Number of bytes at the start of a file in which the layout is detected."""
 SCORED = 200
-"""Number of lines on which delimiters are tried, more than the headers of loggers have."""
+"""Number of lines on which delimiters are tried; the headers of loggers are shorter."""
 PREAMBLE = 5
 """The records start at this many successive lines with a number."""
 HEADING_ROWS = 4
-"""Most lines of names, units and descriptions directly above the records."""
+"""Largest number of lines with names, units and descriptions directly above the records."""
 DIALECTS = tuple(
     (each[0], each[1]) for each in (",.", ";.", ";,", "\t.", "\t,", "|.", "|,", " .", " ,", ",,")
 )
@@ -45,7 +45,7 @@ NUMBER = re.compile(
 LOOSE = re.compile(
     r"(?P<sign>[+-])?\s*(?P<digits>\d[\d.,]*(?:[eE][+-]?\d+)?)(?:\s+(?P<unit>[^\W\d_%°][^\s\d]*|[%°]\S*))?"
 )
-"""Number with its sign apart, or with a unit behind it."""
+"""Pattern of a number with a detached sign, or followed by a unit."""
 GROUPED = {
     ".": re.compile(r"[+-]?[1-9]\d{0,2}([, '\u2019\u00a0\u202f])\d{3}(?:\1\d{3})*(?:\.\d*)?"),
     ",": re.compile(r"[+-]?[1-9]\d{0,2}([. '\u2019\u00a0\u202f])\d{3}(?:\1\d{3})*(?:,\d*)?"),
@@ -59,7 +59,7 @@ INLINE = re.compile(r"(?P<name>\w+)\s*=\s*(?P<value>[+-]?\d[\d.]*(?:[eE][+-]?\d+
 SCALES = {"kHz": 1e3, "ms": 1e-3}
 COMMENT = "#%!/"
 TITLE = re.compile(r"\s*\[[^\[\]]+\]\s*")
-"""Line with the title of a section, "[data]"."""
+"""Pattern of a section title, such as "[data]"."""
 NAME_LINES = frozenset(("label", "labels", "tracename"))
 UNIT_LINES = frozenset(("vertical units", "y_unit_label", "vunit"))
 """First words of header lines with the names or units of the columns."""
@@ -75,21 +75,21 @@ class Layout:
     delimiter: str
     decimal: str
     lines_before: int
-    """Lines before the first record."""
+    """Number of lines before the first record."""
     bytes_before: int
     bytes_end: int
     """Offset of the footer, or of the file's end."""
     headings: tuple[str, ...]
     units: tuple[str, ...]
     kinds: tuple[Kind, ...]
-    """What most cells of each column are: "time" for dates and times of day."""
+    """Kind of most cells of each column; "time" stands for dates and times of day."""
     named: bool
     """Whether the file has headings."""
     footer: tuple[str, ...]
     rate_hz: float | None
     """Sample rate given in the header [Hz]."""
     start_s: float
-    """Time of the first record [s], if the header gives it together with a rate."""
+    """Time of the first record [s] if the header states it together with a rate, else 0."""
     counted: bool
     """Whether the first column counts the records, so that their times follow from the rate."""
 
@@ -150,7 +150,7 @@ def find_layout(path: Path) -> Layout:
 
 
 def _kind(cells: Sequence[str], decimal: str) -> Kind:
-    """What most of a column's filled cells are; a column without any may hold numbers later."""
+    """Kind of most filled cells of a column; a column without filled cells may have numbers later."""
     times = sum(looks_like_time(cell) for cell in cells)
     if cells and 2 * times >= len(cells):
         return "time"
@@ -162,7 +162,7 @@ def _first_record(rows: Sequence[list[str]], width: int, decimal: str) -> int | 
     """Index of the first record; None if no line is a record."""
     holds_number = [any(is_number(cell, decimal) for cell in row) for row in rows]
     filled = [k for k, row in enumerate(rows) if any(row)]
-    # If records start with a number, a line that starts with a word is no record but describes the channels.
+    # If records start with a number, a line that starts with a word is not a record: it describes the channels.
     worded = [bool(row and row[0]) and not is_number(row[0], decimal) for row in rows]
     records = [_is_record(row, width, decimal) for row in rows]
     full = [worded[k] for k in filled if records[k]]
@@ -197,7 +197,7 @@ def _encoding(path: Path, sample: bytes) -> tuple[str, int]:
 
 
 def cells_of(line: str, delimiter: str) -> list[str]:
-    """Cells of a line, stripped."""
+    """Split a line into cells without surrounding spaces."""
     if delimiter == " ":
         line = line.strip()
     # A line is one record: an unclosed quote in a damaged file must not absorb the following lines.
@@ -228,7 +228,7 @@ def bare_number(cell: str) -> tuple[str, str]:
 
 
 def _score(lines: list[str], delimiter: str, decimal: str) -> tuple[int, int]:
-    """Score of a dialect: number of numeric cells minus that of other cells, and the number of columns."""
+    """Score of a pair of delimiter and decimal mark: numeric cells minus other cells, then the number of columns."""
     rows = [cells_of(line, delimiter) for line in lines]
     numbers = [sum(is_number(cell, decimal) for cell in row) for row in rows]
     others = sum(sum(map(bool, row)) - count for row, count in zip(rows, numbers, strict=True))
@@ -247,14 +247,14 @@ def _is_record(row: list[str], width: int, decimal: str) -> bool:
 
 
 def _headings(above: list[list[str]], width: int) -> tuple[tuple[str, ...], tuple[str, ...], bool]:
-    """Names and units of the columns from the rows above the records, and whether there are any names."""
+    """Names and units of the columns, from the rows above the records, and whether there are any names."""
     full: list[list[str]] = []
     for row in reversed(above):
         if not any(row):
             if full and len(full) > 1:
                 break
             continue
-        if len(row) == width + 1 and row[-1].lower() == "comment":  # records need not have this column
+        if len(row) == width + 1 and row[-1].lower() == "comment":  # records may lack this column
             row = row[:-1]
         short = width - len(row)
         # Records may end with a delimiter that the line of names lacks.
@@ -281,30 +281,26 @@ def _headings(above: list[list[str]], width: int) -> tuple[tuple[str, ...], tupl
 
 
 def _in_pairs(above: list[list[str]], width: int) -> list[str]:
-    """Names of pairs of columns, time and values, below lines of pairs of a key and its value; empty for other headers.
-
-    The first such line has the names; a step in brackets, "SampleTime[ms];1", tells the unit of the times.
-    """
+    """Headings of pairs of columns (time, value) below header lines that repeat one key; empty for other headers."""
     lines = [row for row in above if len(row) == width > 3 and row[0] and len(set(row[::2])) == 1]
     if width % 2 or len(lines) < 2 or len(set(lines[0][1::2])) < width // 2:
         return []
+    # The first such line has the names; a key with a unit, "SampleTime[ms];1", gives the unit of the times.
     steps = (split_unit(row[0]) for row in lines)
     unit = next((f" [{unit}]" for name, unit in steps if unit.lower() in SECONDS and unit), "")
     return [cell for name in lines[0][1::2] for cell in (f"time{unit}", name)]
 
 
 def _unit_of_cells(cells: Iterable[str]) -> str:
-    """Unit that the cells of a column have in common; empty if there is none."""
+    """Unit that most cells of a column have; empty if there is none."""
     found = Counter(bare_number(cell)[1] for cell in cells)
     (unit, count), *_ = found.most_common(1) or [("", 0)]
     return unit if 2 * count > found.total() else ""
 
 
 def _line_of(words: frozenset[str], above: list[list[str]], width: int) -> list[str]:
-    """Cells, by column, of the header line that starts with one of these words; empty cells if there is none.
-
-    The last line above the records is not searched, since it is the heading line.
-    """
+    """Cells, by column, of the header line that starts with one of `words`; empty cells if there is none."""
+    # The last line above the records is the heading line.
     row = next((row for row in above[:-1] if row and row[0].lower() in words), [])
     return ["", *row[1:width], *[""] * width][:width]
 
@@ -321,10 +317,7 @@ def _are_units(row: Sequence[str]) -> bool:
 
 
 def _are_under_names(names: Sequence[str], row: Sequence[str]) -> bool:
-    """Whether a row below the names holds units.
-
-    Unknown units are accepted if the time's unit is known or a unit repeats.
-    """
+    """Whether a row below the names holds units; unknown ones count if the time's unit is known or a unit repeats."""
     filled = [cell for cell in row if cell]
     given = [name for name in names if name and not is_time(name)]
     below = list(zip(names, row, strict=True))
@@ -345,7 +338,7 @@ def _bare(unit: str) -> str:
 
 
 def _unique(names: list[str]) -> list[str]:
-    """Append numbers to equal names of time columns. Equal names of other channels are kept; they are an error later."""
+    """Append numbers to equal names of time columns; equal names of other channels cause an error later."""
     seen: Counter[str] = Counter()
     found = []
     for name in names:
@@ -363,10 +356,7 @@ def _number(cell: str, decimal: str) -> float:
 
 
 def _taken_facts(above: list[list[str]], holds: Sequence[bool], decimal: str) -> list[tuple[str, float]]:
-    """Remove metadata from the rows of headings, and return the metadata's names and values [s].
-
-    Metadata are in columns without records: a value below its name, or name and value in one cell, "tInc = 2e-6 s".
-    """
+    """Remove metadata (a value below its name, or "tInc = 2e-6 s" in one cell) from heading rows; return name and value."""
     facts: list[tuple[str, float]] = []
     for upper, lower in pairwise([*above, []]):
         for k, cell in enumerate(upper):
@@ -399,7 +389,7 @@ def _facts(line: str, decimal: str) -> list[tuple[str, float]]:
 def _footer(
     path: Path, encoding: str, line_end: str, delimiter: str, decimal: str, before: int
 ) -> tuple[int, tuple[str, ...]]:
-    """Offset of the footer, and its lines: all lines after the last line that starts with a number."""
+    """Offset and lines of the footer, which are all lines after the last line that starts with a number."""
     size = path.stat().st_size
     wide = 2 if encoding.startswith("utf-16") else 1
     start = max(before, size - SAMPLE)

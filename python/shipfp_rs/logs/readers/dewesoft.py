@@ -21,7 +21,7 @@ from shipfp_rs.logs.time_axis import time_axis
 @register_reader(".d7d", ".dxd")
 @in_child("dwdatareader", extra="dewesoft")
 def open_dewesoft(path: Path, rate_hz: float | None) -> Log:
-    """Open a DEWESoft file, as scaled float64. Channels that the library can't decode are omitted with a warning."""
+    """Open a DEWESoft file as scaled float64; channels that the library can't decode are omitted with a warning."""
     import dwdatareader
 
     found: list[Found] = []

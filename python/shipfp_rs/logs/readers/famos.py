@@ -23,9 +23,9 @@ from shipfp_rs.logs.readers.columns import Found, log_of_found, tell_left_out
 from shipfp_rs.logs.time_axis import TimeAxis, time_axis
 
 EPOCH = datetime(1980, 1, 1, tzinfo=UTC)
-"""Origin of trigger times, on the logger's clock, which is assumed to be UTC."""
+"""Origin of trigger times. The logger's clock is assumed to be UTC."""
 BLOCK_START = re.compile(rb"\|([A-Za-z]{2})\s*,\s*\d+\s*,\s*(\d{1,15})\s*,")
-"""Key, version and length of each block of a file."""
+"""Pattern of the start of a block: key, version and length."""
 
 
 @register_reader(".raw", ".dat")
@@ -88,7 +88,7 @@ def _unit(channel: Any) -> str:
 
 
 def _even(path: Path, channel: Any, later_s: float, rate_hz: float | None) -> Channel:
-    """Channel with a constant time step, which started `later_s` after the first channel."""
+    """Channel with a constant time step that starts `later_s` after the first channel."""
     step = channel.x_step_width
     if rate_hz is None and not (math.isfinite(step) and step > 0):
         raise InputError(f"{path}: channel {channel.name!r} has a step of {step:g} s; give rate_hz (--rate)")
@@ -99,7 +99,7 @@ def _even(path: Path, channel: Any, later_s: float, rate_hz: float | None) -> Ch
 
 
 def _pair(path: Path, file: Any, channel: Any, later_s: float) -> tuple[TimeAxis | str, Samples]:
-    """Grid and samples of (x, y) pairs whose x is an increasing time; else the reason for omitting them."""
+    """Grid and samples of a channel of (x, y) pairs if x is an increasing time, else the reason for omitting it."""
     factor = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "": 1.0}.get(channel.x_unit.strip().strip('"').lower())
     if factor is None:
         return f"x is in {channel.x_unit!r}, no time", np.empty(0)
@@ -120,7 +120,7 @@ def _pair(path: Path, file: Any, channel: Any, later_s: float) -> tuple[TimeAxis
 
 
 def _sample_bytes(path: Path) -> int:
-    """Bytes of samples in a file, to detect a truncated file; the package would read past its end."""
+    """Number of sample bytes in a file; it reveals a truncated file, past whose end the package would read."""
     held = place = 0
     with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
         while found := BLOCK_START.search(content, place):
@@ -132,10 +132,7 @@ def _sample_bytes(path: Path) -> int:
 
 
 def _cut(path: Path, name: str, samples: int, held: int, *, alone: bool) -> int:
-    """Number of samples present in a truncated channel.
-
-    `InputError` if the file has several channels, which may be interleaved.
-    """
+    """Number of samples in a truncated channel; `InputError` unless it is `alone`, since channels may be interleaved."""
     what = f"cut short or damaged: channel {name!r} has {samples} samples"
     if not alone:
         raise InputError(

@@ -35,20 +35,15 @@ from shipfp_rs.logs.readers.time_cells import TimePlan, split_bracketed, stated_
 from shipfp_rs.logs.time_axis import TimeAxis
 
 START_NAMES = ("start_utc", "start_time", "wf_start_time")
-OWN = "expected all within its own; have it written as one file"
+OWN = "expected all data in this file; write it as one file"
 SINCE = re.compile(r"\s*([a-zµ]+)\s+since\s+(.+)")
-"""Units of time in the Climate and Forecast conventions."""
+"""Pattern of a time unit in the Climate and Forecast conventions."""
 
 
 @register_reader(".h5", ".hdf5")
 @in_child("h5py", extra="hdf5")
 def open_hdf5(path: Path, rate_hz: float | None) -> Log:
-    """Open an HDF5 file; each one-dimensional dataset, and each field of one, is a channel named by its path.
-
-    Unit (`unit`, `units`), sample rate (`rate_hz`, `sample_rate`, `dt` ...) and start (`start_s` [s], `start_utc` in
-    ISO 8601) are attributes of the dataset or of a group above it. A MATLAB 7.3 file may state the rate in a scalar.
-    Without a rate, a dataset `time` of the same length, beside or above it, is the time base.
-    """
+    """Open an HDF5 file; each one-dimensional dataset, and each field of one, is a channel named by its path."""
     import h5py
 
     if not h5py.is_hdf5(path):
@@ -92,7 +87,7 @@ def open_hdf5(path: Path, rate_hz: float | None) -> Log:
 
 
 def _read(dataset: Any, field: str | None, column: int, start: int, stop: int) -> Samples:
-    """Numbers along the longest axis of a dataset, in a field, or in a column of a table."""
+    """Numbers along the longest axis of a dataset, of one field, or of one column of a table."""
     _require_own(dataset)
     axis = int(np.argmax(dataset.shape))
     place = tuple(slice(start, stop) if k == axis else column for k in range(dataset.ndim))
@@ -110,7 +105,7 @@ def _read(dataset: Any, field: str | None, column: int, start: int, stop: int) -
 
 
 def _find_rows(file: Any) -> tuple[dict[str, Row], dict[str, Any], list[str]]:
-    """Rows of numbers in a file by path, the dataset of each, and the names of the other datasets."""
+    """Vectors of numbers in a file by path, the dataset of each, and the names of the datasets left out."""
     import h5py
 
     rows: dict[str, Row] = {}
@@ -160,7 +155,7 @@ def _require_own(dataset: Any) -> None:
 
 
 def _words(dataset: Any) -> dict[str, list[str]]:
-    """Lists of texts that may name a dataset's columns, by name: attributes of the dataset, and text arrays in its group."""
+    """Lists of texts that may name a dataset's columns: attributes of the dataset and text arrays in its group."""
     import h5py
 
     found: dict[str, list[str]] = {}
@@ -193,7 +188,7 @@ def _missing_filter(dataset: Any) -> str | None:
 
 
 def _attributes(dataset: Any) -> dict[str, Any]:
-    """Attributes of a dataset and, where absent, of the groups above it; names in lower case."""
+    """Attributes of a dataset or, where absent, of the nearest group above it; names in lower case."""
     facts: dict[str, Any] = {}
     wanted = {"unit", "units", "start_s", *START_NAMES}
     item = dataset
@@ -208,7 +203,7 @@ def _attributes(dataset: Any) -> dict[str, Any]:
 
 
 def _clock(path: Path, facts: Any, row: Row, rows: Mapping[str, Row]) -> tuple[TimeAxis, TimePlan]:
-    """Grid of a dataset of times, and their interpretation, with the date of time zero if the unit has one."""
+    """Grid and interpretation of a dataset of times; if its unit has a date, the date is time zero."""
     unit = _text(facts.get("units", facts.get("unit", "")))
     since = SINCE.fullmatch(unit)
     plain = replace(row, unit=since[1] if since else unit)
@@ -217,7 +212,7 @@ def _clock(path: Path, facts: Any, row: Row, rows: Mapping[str, Row]) -> tuple[T
 
 
 def _instant(path: Path, value: Any) -> datetime:
-    """Instant in ISO 8601, UTC without a zone."""
+    """Parse an instant in ISO 8601; without a zone, it is UTC."""
     text = _text(value)
     try:
         instant = datetime.fromisoformat(text.strip().removesuffix("UTC").strip())

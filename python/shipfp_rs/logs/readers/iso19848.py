@@ -16,14 +16,14 @@ from shipfp_rs.logs.log import Log, register_reader
 from shipfp_rs.logs.readers.long_table import Series, log_since_1970, seconds_since_1970
 
 Values = Iterator[tuple[str, str, str, str]]
-"""Data channel, time stamp, value and quality, as written."""
+"""Data channel, time stamp, value and quality, as written in the file."""
 GOOD = frozenset(("", "0", "192", "good", "ok", "valid", "true"))
 """Quality codes of good values, in ISO 19848 and in OPC."""
 
 
 @register_reader(".json", ".xml", takes=("names",))
 def open_iso19848(path: Path, rate_hz: float | None, names: str | None = None) -> Log:
-    """Open a time series package; values of other than good quality are gaps, words are omitted."""
+    """Open a time series package; values of bad quality become gaps, and values that are words are omitted."""
     begin = path.read_text(encoding="utf-8-sig", errors="replace")
     text = begin.lstrip()
     if '"DataChannelList"' in text[:2000] and '"TimeSeriesData"' not in text:
@@ -57,7 +57,7 @@ def open_iso19848(path: Path, rate_hz: float | None, names: str | None = None) -
 
 
 def _row(channels: Sequence[str], stamp: str, values: Sequence[str], qualities: Sequence[str]) -> Values:
-    """Yield the values of one time stamp; the quality is empty where it is missing."""
+    """Yield the values of one time stamp; a missing quality is empty."""
     for channel, value, quality in zip(channels, values, chain(qualities, repeat("")), strict=False):
         yield channel, stamp, value, quality
 
@@ -116,12 +116,12 @@ def _of_xml(path: Path, text: str) -> Values:
         for row in table:
             if _local(row) == "DataSet":
                 stamp = row.get("timeStamp") or next(iter(_texts(row, "TimeStamp")), "")
-                named = channels or _texts(row, "DataChannelID")[:1]  # an event names its channel itself
+                named = channels or _texts(row, "DataChannelID")[:1]  # each event has the name of its channel
                 yield from _row(named, stamp, _texts(row, "Value"), _texts(row, "Quality"))
 
 
 def _of_csv(path: Path, text: str) -> Values:
-    """Rows of time stamp and values below the row with the data channels' names."""
+    """Yield the values of the rows below the row with the data channels' names."""
     delimiter = ";" if text.count(";") > text.count(",") else ","
     channels: list[str] = []
     quality_of: dict[int, int] = {}
@@ -144,7 +144,7 @@ def _of_csv(path: Path, text: str) -> Values:
 
 
 def _listed(path: Path, names: str | None) -> dict[str, tuple[str, str]]:
-    """Name and unit by short and local identifier, from a data channel list in JSON or XML."""
+    """Name and unit of each short and local identifier in a data channel list (JSON or XML)."""
     if names is None:
         return {}
     try:

@@ -1,4 +1,4 @@
-"""Long tables of historians and databases, one value a row, and values with time stamps of their own, by name."""
+"""Long tables of historians and databases, with one value per row; series of values with their own time stamps, by name."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ from shipfp_rs.support.units import is_unit, told
 
 Fields = Mapping[str, tuple[pa.Field, dict[str, Any]]]
 EVEN = 0.1
-"""Largest deviation of an even step from the median step, as a fraction of it."""
+"""Largest deviation of an even step from the median step, relative to the median."""
 
 
 @dataclass(frozen=True)
 class LongTable:
-    """Rows of a long table: times, the code of each row's name, numbers, and the name and unit of each code."""
+    """Rows of a long table: times, codes of their names, and values; name and unit of each code."""
 
     times: Array
     codes: npt.NDArray[np.int64]
@@ -42,12 +42,8 @@ class LongTable:
 
 
 def find_long_table(path: Path, fields: Fields, plan: TimePlan, batches: Batches) -> LongTable | None:
-    """Rows of a table with one value a row; None for other tables.
-
-    Its structure decides. One column of numbers stands beside words or small integers, and these repeat as names of
-    signals do: either names share times that rise within each name, or the names alternate and each has steps at
-    least as even as those of all rows.
-    """
+    """Find the names, values and units of a table with one value per row; None for other tables."""
+    # A table is long if its only column of values stands beside words or small integers that repeat as signal names do.
     numbers = [field for field, facts in fields.values() if is_value(field.type) and "rate_hz" not in facts]
     words = [field for field, _ in fields.values() if pa.types.is_string(field.type)]
     counted = [
@@ -92,7 +88,7 @@ def find_long_table(path: Path, fields: Fields, plan: TimePlan, batches: Batches
         rows = rows[codes[rows] >= 0]
         own_names = [" ".join(_name(key, columns[key][int(row)]) for key in keys) for row in rows]
         split = [split_unit(text) for text in own_names]
-        if len({name for name, _ in split}) < len(split):  # names that differ only in their unit
+        if len({name for name, _ in split}) < len(split):  # some names differ only in their unit
             split = [(text, split_unit(text)[1]) for text in own_names]
         beside = next(
             (f.name for f in words if f.name not in keys and _are_units(*coded[f.name], codes)), None
@@ -104,7 +100,9 @@ def find_long_table(path: Path, fields: Fields, plan: TimePlan, batches: Batches
 
 
 MOST_NUMBERS, MOST_NAMES = 4, 256
-"""Most numeric columns of a long table (value, name, quality, row number), and most different integers that are names."""
+"""Largest number of numeric columns of a long table (value, name, quality, row number), and of integers that are
+names.
+"""
 
 
 def _name(key: str, cell: pa.Scalar) -> str:
@@ -113,14 +111,14 @@ def _name(key: str, cell: pa.Scalar) -> str:
 
 
 def _coded(cells: pa.Array) -> tuple[npt.NDArray[np.int64], list[Any]]:
-    """Code of each cell in order of appearance, -1 for an empty one, and the cell of each code."""
+    """Code of each cell in order of appearance (-1 for an empty cell), and the cell of each code."""
     told = cells.dictionary_encode()
     codes = np.asarray(told.indices.fill_null(-1).to_numpy(zero_copy_only=False), dtype=np.int64)
     return codes, told.dictionary.to_pylist()
 
 
 def _joined(codes: Sequence[npt.NDArray[np.int64]]) -> npt.NDArray[np.int64]:
-    """One code for each combination in order of appearance; -1 where a part is empty."""
+    """Code of each combination in order of appearance; -1 if a part is empty."""
     if len(codes) == 1:
         return codes[0]
     _, first, each = np.unique(np.column_stack(codes), axis=0, return_index=True, return_inverse=True)
@@ -130,7 +128,7 @@ def _joined(codes: Sequence[npt.NDArray[np.int64]]) -> npt.NDArray[np.int64]:
 
 
 def _follows(own: npt.NDArray[np.int64], names: npt.NDArray[np.int64]) -> bool:
-    """Whether a column has one value for each name, or one throughout."""
+    """Whether a column has one value for each name."""
     pairs = np.unique(np.column_stack([names, own])[own >= 0], axis=0)
     return len(np.unique(pairs[:, 0])) == len(pairs)
 
@@ -142,10 +140,7 @@ def _are_units(own: npt.NDArray[np.int64], words: list[str], names: npt.NDArray[
 def _are_names(
     times: Array, codes: npt.NDArray[np.int64], values: Array, *, worded: bool, rising: bool
 ) -> bool:
-    """Whether codes name signals: by the times of their rows; of integers by the values, too.
-
-    With `rising`, only names whose own times rise.
-    """
+    """Whether codes name signals, by their rows' times and (unless `worded`) values; `rising` requires rising times."""
     known = np.isfinite(times) & np.isfinite(values) & (codes >= 0)
     times, codes, values = times[known], codes[known], values[known]
     count = len(np.unique(codes))
@@ -161,6 +156,7 @@ def _are_names(
     steps, own = np.diff(times), np.diff(times[order])[inside]
     across, within = np.abs(np.diff(values))[changed], np.abs(np.diff(values[order]))[inside]
     finer = float(np.median(within)) / max(float(np.median(across)) if len(across) else 0.0, 1e-300)
+    # Either names share times that rise within each name, or each name has steps at least as even as those of all rows.
     shared = int(np.count_nonzero((steps <= 0.0) & changed))
     if 20 * np.count_nonzero(own <= 0.0) > len(own) and (rising or not worded):
         return False
@@ -176,7 +172,7 @@ def _are_names(
 
 
 def log_of_long_table(path: Path, table: LongTable, plan: TimePlan, rate_hz: float | None) -> Log:
-    """Log with a channel for each name, at the times of its rows; names without a time base are omitted."""
+    """Log with one channel per name, at the times of its rows; names without a time base are omitted."""
     found: list[Found] = []
     held: dict[str, Array] = {}
     lost: list[str] = []
@@ -196,7 +192,7 @@ def log_of_long_table(path: Path, table: LongTable, plan: TimePlan, rate_hz: flo
 
 @dataclass
 class Series:
-    """Values of one name and their times [s]: lists, or arrays."""
+    """Values of one name and their times [s], as lists or arrays."""
 
     unit: str = ""
     resolution: float = 0.0
@@ -212,10 +208,7 @@ def log_of_series(
     *,
     none: str = "no name has two values or more",
 ) -> Log:
-    """Log of series, each on its own even grid, and its date of time zero. Series without a grid are omitted with a note.
-
-    `InputError`, with the reason or `none`, if no series has two or more values at increasing times.
-    """
+    """Log of series, each on its own even grid; series without one are omitted with a note, `InputError` if none is left."""
     found: list[Found] = []
     held: dict[str, Array] = {}
     told = list(notes)
@@ -236,7 +229,7 @@ def log_of_series(
 
 
 def log_since_1970(path: Path, series: Mapping[str, Series], notes: Sequence[str]) -> Log:
-    """`log_of_series` for times in seconds since 1970; the log's time zero is the first of them."""
+    """Log of series with times in seconds since 1970; the earliest first time becomes the log's time zero."""
     zero = min((each.times[0] for each in series.values() if len(each.values) > 1), default=0.0)
     for each in series.values():
         each.times = np.asarray(each.times) - zero
@@ -246,7 +239,7 @@ def log_since_1970(path: Path, series: Mapping[str, Series], notes: Sequence[str
 def own_grid(
     path: Path, column: str, times: Array, values: Array, rate_hz: float | None = None
 ) -> tuple[TimeAxis, Array]:
-    """Grid of a channel's own times [s], and its rows in their order; rows that a logger wrote twice count once."""
+    """Grid of a channel's own times [s], and its values in order of time; rows written twice count once."""
     order = np.argsort(times, kind="stable")
     times, values = times[order], np.asarray(values, dtype=np.float64)[order]
     same = same_rows([lambda first, stop: values[first:stop]])
@@ -254,10 +247,7 @@ def own_grid(
 
 
 def seconds_since_1970(text: str) -> float:
-    """Seconds since 1970 of an instant in ISO 8601 or canboat's form with a dash before the time of day.
-
-    UTC without a zone.
-    """
+    """Seconds since 1970 of an instant in ISO 8601 or canboat's form, with a dash before the time of day; UTC by default."""
     text = text.strip()
     if len(text) > 10 and text[10] == "-":
         text = f"{text[:10]}T{text[11:]}"

@@ -47,12 +47,8 @@ def open_matlab(path: Path, rate_hz: float | None) -> Log:
 
 @in_child("scipy.io", extra="")
 def open_matlab_5(path: Path, rate_hz: float | None) -> Log:
-    """Open a MATLAB file up to version 7; vectors and matrix columns, also within structs, are channels.
-
-    A vector `time` or `t` is the time base of vectors of its length in the same or a nested struct. A scalar `fs`,
-    `rate_hz` or `dt` gives their rate. Names of a matrix's columns come from a cell array of the same length in the
-    same struct. SciPy reads whole variables, of at most 2 GB in these versions; larger logs are saved with -v7.3.
-    """
+    """Open a MATLAB file up to version 7; vectors and matrix columns, also within structs, are channels."""
+    # SciPy reads whole variables, of at most 2 GB in these versions; larger logs are saved with -v7.3.
     tree = _tree(path)
     rows = tree.rows()
     clock = cache(lambda key: axis_of(path, key, rows[key], rows))
@@ -115,7 +111,7 @@ def _tree(path: Path) -> _Tree:
 
 
 class _Tree:
-    """Variables of a file, structs unpacked."""
+    """Variables of a file; structs are unpacked."""
 
     def __init__(self) -> None:
         self.held: dict[str, npt.NDArray[Any]] = {}
@@ -126,7 +122,7 @@ class _Tree:
         self.opaque: list[str] = []  # types that SciPy can't open
 
     def add(self, name: str, content: Any, *, logical: bool = False) -> None:
-        """Add a variable, or a struct's field under its path."""
+        """Add a variable; the fields of a struct are added under their paths."""
         array = np.asarray(content)
         fields = getattr(content, "_fieldnames", None)
         if fields is not None:
@@ -194,7 +190,7 @@ class _Tree:
         return found
 
     def _channel(self, name: str) -> str:
-        """Channel name: the struct's name if the field of the samples has a general name such as `data`."""
+        """Name of a channel: that of the struct if the samples' field has a general name such as `data`."""
         above, last = posixpath.split(name)
         only = [
             key
@@ -218,10 +214,8 @@ def _word(value: Any) -> str:
 
 
 def _whole_variables(path: Path) -> int | None:
-    """Number of complete variables in a truncated version 5 file; None if the file is complete.
-
-    SciPy mistakes the truncation for the end of the file. Each variable starts with its type and its length in bytes.
-    """
+    """Number of complete variables in a truncated version 5 file; None if the file is complete."""
+    # SciPy mistakes the truncation for the end of the file. Each variable starts with its type and its length in bytes.
     size = path.stat().st_size
     with path.open("rb") as file:
         order = file.read(128)[126:]

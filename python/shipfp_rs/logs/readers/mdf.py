@@ -29,11 +29,7 @@ Key = tuple[int, int, bool]
 @register_reader(".mf4", ".mdf", takes=("names",))
 @in_child("asammdf", extra="mdf")
 def open_mdf(path: Path, rate_hz: float | None, names: str | None = None) -> Log:
-    """Open an MDF file; values are scaled, texts are replaced by the numbers that encode them.
-
-    A name that occurs in several groups is followed by the group number. Invalidated samples are gaps. Groups
-    without a uniform time base, and channels without numbers, are omitted with a warning.
-    """
+    """Open an MDF file; values are scaled, texts are replaced by their codes, and invalidated samples are gaps."""
     import asammdf
 
     file: Any = asammdf.MDF(path)
@@ -91,7 +87,7 @@ def _found(
 
 
 def _frames(file: Any) -> Frames | None:
-    """Frames of the CAN buses in a file; None without any."""
+    """Frames of the CAN buses in a file; None if there are none."""
     parts: list[Frames] = []
     for number, group in enumerate(file.groups):
         by_name = {channel.name: index for index, channel in enumerate(group.channels)}
@@ -145,7 +141,7 @@ def _group_axis(path: Path, file: Any, number: int, group: Any, rate_hz: float |
 
 
 def _must_be_raw(file: Any, number: int, index: int) -> bool | None:
-    """Whether a channel is numeric only before conversion, for instance to text; None if it is not numeric at all."""
+    """Whether a channel is numeric only before conversion, for instance to text; None if it is never numeric."""
     for raw in (False, True):
         if _values(file, number, index, raw, 0, 1).dtype.kind in "biuf":
             return raw

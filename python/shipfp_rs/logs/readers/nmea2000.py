@@ -1,4 +1,4 @@
-"""NMEA 2000 as written by canboat: lines of raw messages, or one JSON object per line."""
+"""NMEA 2000 logs of canboat: lines of raw messages, or one JSON object per line."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from shipfp_rs.logs.readers.can_signals import BUS_SIGNALS, Signal
 from shipfp_rs.logs.readers.long_table import Series, log_since_1970, seconds_since_1970
 
 FAST = frozenset((127489, 127496, 127497, 127498, 129029))
-"""Parameter groups whose messages consist of several frames."""
+"""Parameter groups whose messages have several frames."""
 GROUPS: dict[int, tuple[int | None, list[Signal]]] = {
     each["group"]: (each.get("instance"), [Signal(*row) for row in each["signals"]])
     for each in BUS_SIGNALS["nmea2000"]
 }
-"""Parameter groups of the drive train and the ship: byte of the instance, and fields."""
+"""Index of the instance byte, and fields, of the parameter groups of the drive train and the ship."""
 UNITS = {signal.name.lower(): signal for _, signals in GROUPS.values() for signal in signals}
 JSON_NAMES = {
     "speed": "Engine Speed",
@@ -64,7 +64,7 @@ def open_nmea2000(path: Path, rate_hz: float | None) -> Log:
 
 
 def _named(found: dict[tuple[str, int, int], Series]) -> dict[str, Series]:
-    """Names with instance and sender where a name occurs several times."""
+    """Series by name; instance and sender are appended if a name occurs several times."""
     named = {}
     for (name, instance, sender), series in found.items():
         others = [key for key in found if key[0] == name]

@@ -84,13 +84,13 @@ def write_parquet(log: Log, path: Path) -> Path:
 
 
 def _column(parts: list[Samples], rows: int, kind: pa.DataType) -> pa.Array:
-    """Column of samples, null after their end."""
+    """Column of samples, filled up with nulls."""
     missing = pa.nulls(rows - sum(map(len, parts)), kind)
     return pa.concat_arrays([*(_stored(part, kind) for part in parts), missing])
 
 
 def _stored(part: Samples, kind: pa.DataType) -> pa.Array:
-    """Samples of one type; where a channel of integers lacks rows, they are filled with NaN."""
+    """Samples as an array of the given type; for integers, NaN becomes null."""
     lost = part.dtype.kind == "f" and not pa.types.is_floating(kind)
     return pa.array(np.ma.masked_invalid(part) if lost else part, type=None if lost else kind).cast(kind)
 

@@ -1,4 +1,4 @@
-"""Status columns of a historian's table: beside each value a column that says whether it is good."""
+"""Status columns of a historian's table: for each value, a column beside it says whether it is good."""
 
 from __future__ import annotations
 
@@ -20,28 +20,26 @@ from shipfp_rs.support.sentences import Sentence
 Batches = Callable[[str, int, int], Iterator[pa.Array]]
 """Function (column, first row, size) that yields the values from the first row on, in arrays of at most `size`."""
 Statuses = Mapping[str, tuple[str, pa.Array]]
-"""By column of values: its status column, and the cells of it that say bad."""
+"""Status column of each column of values, and the cells of it that mean "bad"."""
 MOST_CODES = 16
-"""Most different cells in the status columns of a table."""
+"""Largest number of different cells in the status columns of a table."""
 QUALITY = re.compile(r"(good|uncertain|bad)\b", re.IGNORECASE)
-"""Words that begin the quality of a value in OPC Data Access; a bad one is missing."""
+"""First words of a quality in OPC Data Access; a bad value counts as missing."""
 GOOD_DA, SEVERITY_DA = 192, 0xC0
-"""Good quality, and the bits of a quality that are zero if it is bad (OPC Data Access 3.0, 6.8)."""
+"""Code of good quality, and mask of the bits that are zero in a bad quality (OPC Data Access 3.0, 6.8)."""
 UNCERTAIN_UA = 1
-"""Upper two bits of an uncertain status (OPC 10000-4, 7.39); a good one is zero."""
+"""Upper two bits of an uncertain status (OPC 10000-4, 7.39); they are zero in a good status."""
 
 
 def is_value(kind: pa.DataType) -> bool:
-    """Whether a column of this type may hold values: numbers other than true and false."""
+    """Whether a column of this type may hold values: numbers, but not booleans."""
     return bool(pa.types.is_floating(kind) or pa.types.is_integer(kind))
 
 
 def find_statuses(schema: Sequence[pa.Field], names: Mapping[str, str], batches: Batches) -> Statuses:
-    """Find the status column of each column of values; empty if no column has one.
-
-    A status column is named like its column of values, or like their tag, with the same ending throughout the table. Its
-    cells are a few words or codes. If they are not the words of OPC, most values need such a column; the usual cell is good.
-    """
+    """Find the status column of each column of values; empty if no column has one."""
+    # A status column is named like its column of values, or like their tag, with the same ending throughout the table.
+    # Its cells are a few words or codes, of which the usual one is good; unless OPC's words, most values need such a column.
     plain = {field.name: name for name, key in names.items() for field in schema if field.name == key}
     kinds = {field.name: field.type for field in schema}
     numbers = [
@@ -78,7 +76,7 @@ def find_statuses(schema: Sequence[pa.Field], names: Mapping[str, str], batches:
 
 
 def _bad(found: Counter[Any], most: bool) -> list[Any] | None:
-    """Cells that say bad; None if these cells are no status."""
+    """Cells that mean "bad"; None if the cells are not a status."""
     told = [cell for cell in found if cell is not None]
     words = [cell for cell in told if isinstance(cell, str)]
     if told and len(words) == len(told) and all(map(QUALITY.match, words)):
@@ -94,7 +92,7 @@ def _bad(found: Counter[Any], most: bool) -> list[Any] | None:
 
 
 def without_bad(batches: Batches, statuses: Statuses) -> Batches:
-    """`Batches` with gaps where a value's status is bad."""
+    """Wrap `Batches` so that values with a bad status become gaps."""
 
     def read(column: str, first: int, size: int) -> Iterator[pa.Array]:
         if column not in statuses:
@@ -114,7 +112,7 @@ def _are(cells: pa.Array, bad: pa.Array) -> pa.Array:
 def status_faults(
     batches: Batches, statuses: Statuses, column: str, channel: str, on_grid: Callable[[Blocks], Blocks]
 ) -> tuple[Fault, ...]:
-    """The samples of a channel whose status is bad."""
+    """Fault of the samples of a channel whose status is bad."""
     if column not in statuses:
         return ()
     key, bad = statuses[column]

@@ -1,4 +1,4 @@
-"""Logs from tables (Parquet, Arrow, CSV): one column per channel, time from metadata, the caller or a column."""
+"""Logs from tables (Parquet, Arrow, CSV) with one column per channel; times are from metadata, the caller or a column."""
 
 from __future__ import annotations
 
@@ -41,13 +41,13 @@ with contextlib.suppress(ImportError):
     import pandas  # noqa: F401
 
 LEAST_SCATTERED = 8
-"""Least count of numbers in the first rows of a sparse column that is read as a channel."""
+"""Least number of values in the first rows of a sparse column, for it to be read as a channel."""
 LEAST_CHANGES = 100
 """Least number of rows in a table of state changes."""
 CHANGING = 0.95
-"""Least fraction of rows that change a state in such a table: a logger repeats a state at its start and end."""
+"""Least fraction of state changes among the rows of such a table: a logger repeats a state at its start and end."""
 METADATA_KEY = b"shipfp"
-"""Metadata key of a field for unit, rate, start and length of its channel, as JSON."""
+"""Key of a field's metadata with unit, rate, start and length of its channel, as JSON."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ class Options:
     blank: frozenset[str] | None = None
     """Columns with empty cells; None if the reader has not determined them."""
     stated_hz: float | None = None
-    """Rate that the header states; a clock with gaps is preferred to it."""
+    """Rate stated in the header [Hz]; a time column of about this rate with gaps takes precedence."""
 
 
 def log_of_table(
@@ -87,8 +87,8 @@ def log_of_table(
     fields = {name: entry for name, entry in fields.items() if entry[0].name not in times}
     if plans and not fields:
         raise InputError(
-            f"{path}: times in {plans[0].name!r} and no values beside them, expected a channel of numbers; the times of a "
-            "tachometer's edges belong beside a log, as file = of [channels.NAME] in TRIAL.toml"
+            f"{path}: times in {plans[0].name!r} and no values beside them, expected a channel of numbers; give a list "
+            "of a tachometer's edges beside a log, as the key file of [channels.NAME] in TRIAL.toml"
         )
     if len(plans) == 1 and (long := find_long_table(path, fields, plans[0], batches)):
         return log_of_long_table(path, long, plans[0], rate_hz)
@@ -116,7 +116,7 @@ def log_of_table(
         with one_line_errors(path):
             yield from map(_samples, first_of(batches(field.name, first, size), facts["samples"] - first))
 
-    # long: one loop over columns with three kinds of time, and what the whole table tells
+    # long: one loop over columns with three kinds of time, and notes on the whole table
     found: list[Found] = []
     own_faults: tuple[Fault, ...] = ()
     for name, (field, facts) in fields.items():
@@ -179,11 +179,7 @@ def _rows_apart(
     batches: Batches,
     options: Options,
 ) -> tuple[dict[str, tuple[TimeAxis, Blocks]], list[str]]:
-    """Find channels with numbers in only some rows, as in tables with one signal per row or several rates.
-
-    The times of a channel are those of the rows where it has a number. Returns the grid and rows of each, and the names
-    of those, left out with a warning, whose rows are not a time base.
-    """
+    """Grid and rows of channels with numbers in only some rows, and the names of omitted ones, which lack a time base."""
     columns = {
         name: field.name
         for name, (field, facts) in fields.items()
@@ -234,13 +230,13 @@ def _known(values: pa.Array) -> npt.NDArray[np.bool_]:
 
 
 def _is_scattered(known: npt.NDArray[np.bool_]) -> bool:
-    """Whether a column's numbers are mostly isolated, rather than continuous with gaps."""
+    """Whether a column's numbers are mostly isolated, unlike those of a continuous column with gaps."""
     alone = np.count_nonzero(known & ~np.concatenate([[False], known[:-1]]))
     return bool(not known.all() and known.sum() >= LEAST_SCATTERED and 2 * alone >= known.sum())
 
 
 def _are_changes(batches: Batches, columns: Sequence[str]) -> bool:
-    """Whether columns have two states each, and almost every row is a change: a logic analyser's list of edges."""
+    """Whether all columns have two states, and almost every row is a change, as in a logic analyser's list of edges."""
     changed: list[npt.NDArray[np.bool_]] = []
     with contextlib.suppress(InputError):  # an error in a cell is reported when the column is read
         for name in columns:
@@ -255,7 +251,7 @@ def _are_changes(batches: Batches, columns: Sequence[str]) -> bool:
 def _time_before(
     column: str, plans: Sequence[TimePlan], order: Sequence[str], named: Sequence[str | None]
 ) -> int:
-    """Index of the time column of a column: that named after it, the last one to its left, or the first."""
+    """Index of a column's time column: the one named after it, else the last one to its left, else the first."""
     if column in named:
         return named.index(column)
     before = (k for k, plan in enumerate(plans) if order.index(plan.keys[0]) <= order.index(column))
@@ -269,7 +265,7 @@ def find_plans(
     batches: Batches,
     options: Options,
 ) -> list[TimePlan]:
-    """Find the time columns; only columns that may be times are read."""
+    """Find the time columns; columns that can't be times are not read."""
     if not rows:
         return []
     columns: list[Column] = []
@@ -294,14 +290,14 @@ def find_plans(
 
 
 def is_time_like(kind: pa.DataType, name: str) -> bool:
-    """Whether a column may be time: timestamps, text, or numbers with a name for time."""
+    """Whether a column may hold times: timestamps, text, or numbers with a name that means time."""
     if pa.types.is_timestamp(kind) or pa.types.is_string(kind):
         return True
     return _is_number(kind) and not pa.types.is_boolean(kind) and (is_time(name) or is_date(name))
 
 
 def _is_other_time(field: pa.Field, batches: Batches) -> bool:
-    """Whether a column holds times, though it was not chosen as time column."""
+    """Whether a column holds times although it was not chosen as the time column."""
     parts = first_of(batches(field.name, 0, SAMPLE_ROWS), SAMPLE_ROWS * pa.types.is_string(field.type))
     first = next((cell for part in parts for cell in part.to_pylist() if cell), None)
     return looks_like_time(first) if first else bool(pa.types.is_timestamp(field.type))

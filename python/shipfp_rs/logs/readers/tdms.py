@@ -31,12 +31,11 @@ from shipfp_rs.support.sentences import Sentence
 @register_reader(".tdms")
 @in_child("nptdms", extra="tdms")
 def open_tdms(path: Path, rate_hz: float | None) -> Log:
-    """Open a TDMS file; a channel name that occurs in several groups gets the group's name as a prefix.
-
-    npTDMS reads a channel in pieces as large as the logger wrote them: a file defragmented into one piece needs the memory
-    of a whole channel. Segments that start after the end of the previous one keep their times, with a gap.
-    """
+    """Open a TDMS file; a channel name that occurs in several groups gets the group's name as a prefix."""
     import nptdms
+
+    # npTDMS reads a channel in pieces as large as the logger wrote them.
+    # A file defragmented into one piece needs the memory of a whole channel.
 
     file = nptdms.TdmsFile.open(path)
     every = [channel for group in file.groups() for channel in group.channels()]
@@ -96,7 +95,7 @@ def open_tdms(path: Path, rate_hz: float | None) -> Log:
 
 
 def _joined(found: Sequence[Found], pieces: int) -> list[str]:
-    """Note of channels whose segments have no times of their own."""
+    """Note on channels whose segments have no times of their own."""
     names = ", ".join(one.channel.name for one in found if pieces > 1 and not (one.axis or one.start_utc))
     told = (
         f"{pieces} segments of {names} are joined: without wf_start_time a pause between them can't be known"
@@ -105,7 +104,7 @@ def _joined(found: Sequence[Found], pieces: int) -> list[str]:
 
 
 def _stepped(path: Path, name: str, channel: Any, rate_hz: float, begins: list[tuple[int, int]]) -> Found:
-    """Channel with a constant time step and a start from its properties."""
+    """Channel with a constant time step, with its start from its properties."""
     offset = float(channel.properties.get("wf_start_offset", 0.0))
     if not math.isfinite(offset):
         raise InputError(f"{path}: channel {name!r} starts at {offset} s; is the file damaged?")
@@ -114,16 +113,13 @@ def _stepped(path: Path, name: str, channel: Any, rate_hz: float, begins: list[t
 
 
 def _begins(path: Path) -> tuple[dict[str, list[tuple[int, int]]], int]:
-    """First rows of the segments of each channel, by path, and their start times [us]; number of the segments.
-
-    npTDMS keeps only the last value of a property, so methods of its reader are replaced to record the value of each
-    segment. A channel that was absent from a segment, and stands beside others of its rate again, resumes at their time.
-    """
+    """First row and start time [us] of each segment with a start time, by channel path; number of segments with data."""
     from nptdms.reader import TdmsReader
 
     begins: dict[str, list[tuple[int, int]]] = defaultdict(list)
     pieces = 0
     with contextlib.closing(TdmsReader(str(path))) as reader:
+        # npTDMS keeps only the last value of a property, so these methods are replaced to record the value of each segment.
         count, note = reader._update_object_metadata, reader._update_object_properties
         segments, before = list[Any](), set[str]()
 
@@ -140,6 +136,7 @@ def _begins(path: Path) -> tuple[dict[str, list[tuple[int, int]]], int]:
             count(segments[-1])
             written = {each.path for each in segments.pop().ordered_objects if each.has_data}
             pieces += bool(written)
+            # A channel that was absent from a segment resumes at the time of the other channels of its rate.
             steps = {key: about[key].properties.get("wf_increment") for key in written}
             for key in (written - before) & rows.keys():
                 beside = [about[each].num_values for each in written & before if steps[each] == steps[key]]
@@ -157,7 +154,7 @@ def _begins(path: Path) -> tuple[dict[str, list[tuple[int, int]]], int]:
 
 
 def _segments(path: Path, channel: Channel, begins: list[tuple[int, int]]) -> tuple[Segment, ...]:
-    """Map rows to samples: a segment that starts late leaves a gap, one that starts early is appended."""
+    """Map rows to samples: a segment that starts late leaves a gap, and one that starts early is appended."""
     segments = [Segment(0, channel.samples, 0)]
     for row, start in begins[1:]:
         last = segments[-1]
@@ -175,7 +172,7 @@ def _segments(path: Path, channel: Channel, begins: list[tuple[int, int]]) -> tu
 
 
 def _grid(channel: Channel, segments: tuple[Segment, ...]) -> TimeAxis:
-    """Grid of a channel with its segments at their own times, NaN between them."""
+    """Grid of a channel whose segments have their own times; NaN between them."""
     gaps = np.array([(one.sample + one.count, two.sample) for one, two in pairwise(segments)])
     fault = Fault("time_gap", channel.name, Sentence("masked: between segments of the file"), gaps)
     samples = segments[-1].sample + segments[-1].count
@@ -189,7 +186,7 @@ def _unit(channel: Any) -> str:
 
 
 def _tell_cut(path: Path, status: Any) -> None:
-    """Warn of samples that are in a file's metadata but missing in the file."""
+    """Warn of samples that the metadata of a file states but the file lacks."""
     if not status.incomplete_final_segment:
         return
     lost = sum(each.expected_length - each.read_length for each in (status.channel_statuses or {}).values())
@@ -197,7 +194,7 @@ def _tell_cut(path: Path, status: Any) -> None:
 
 
 def _is_time(channel: Any) -> bool:
-    """Whether a channel holds times: stamps, or numbers with a name for time and no wf_increment."""
+    """Whether a channel holds times: time stamps, or numbers with a name that means time and without wf_increment."""
     if channel.dtype.kind == "M":
         return len(channel) > 1
     named = is_time(split_bracketed(channel.name)[0])
@@ -206,7 +203,7 @@ def _is_time(channel: Any) -> bool:
 
 
 def _rows_of_group(own: Any, every: Sequence[Any]) -> dict[str, Row]:
-    """Times and the numbers beside them in their group."""
+    """A channel of times and the channels of numbers in its group."""
     return {
         each.name: Row(each.name, _unit(each), len(each), partial(_cells, each))
         for each in every

@@ -1,4 +1,4 @@
-"""Conversion of time cells to seconds: numbers, stamps, and dates and times of day in any order of their parts."""
+"""Conversion of time cells to seconds: numbers, time stamps, and dates and times of day with their parts in any order."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from shipfp_rs.support.arrays import Array
 from shipfp_rs.support.files import words_of
 
 WORDS: Mapping[str, Any] = words_of("time_words")
-"""Words for time in all languages; the file says what each list is of."""
+"""Words for time in all languages; `data/time_words.toml` describes its lists."""
 TIMES, DATES, RATES, INTERVALS, STARTS = (
     frozenset(WORDS[what].split()) for what in ("time", "date", "rate", "interval", "start")
 )
@@ -53,7 +53,7 @@ def split_unit(heading: str) -> tuple[str, str]:
         return spaced[1], "rpm"
     for pattern in TAILS:
         found = re.fullmatch(pattern, heading)
-        # Not units here: a dash, and the letters of a time format such as h:m:s.
+        # A dash and the letters of a time format, such as h:m:s, are not units.
         if found is None or found[2] == "-" or units.TIME_FORMAT.fullmatch(found[2]):
             continue
         if units.is_unit(found[2]):
@@ -92,7 +92,7 @@ def is_time(name: str) -> bool:
 
 
 def timed_by(name: str) -> set[str]:
-    """Names of the channels that a column of times may belong to, in lower case: the column's name without a word for time.
+    """Names, in lower case, of channels to which a time column may belong: its own name without the word for time.
 
     Examples
     --------
@@ -110,7 +110,7 @@ def is_date(name: str) -> bool:
 
 
 def stated_start(facts: Iterable[tuple[str, float]]) -> float:
-    """Time of the first sample [s] among named values, else 0."""
+    """Time of the first sample [s] stated by a name and value, else 0."""
     return next((value for name, value in facts if _key(name) in STARTS and np.isfinite(value)), 0.0)
 
 
@@ -119,7 +119,7 @@ def _key(name: str) -> str:
 
 
 def stated_rate(facts: Iterable[tuple[str, object]]) -> float | None:
-    """Sample rate [Hz] among named values, or None."""
+    """Sample rate [Hz] stated by a name and value (rate or interval); None if there is none."""
     for name, value in facts:
         key = _key(name)
         number = np.asarray(value)
@@ -136,13 +136,13 @@ def stated_rate(facts: Iterable[tuple[str, object]]) -> float | None:
 
 
 Order = Literal["y", "d", "m", ""]
-"""First element of a date: year, day or month; empty if unknown or without a date."""
+"""First element of a date: year, day or month; empty if it is unknown or there is no date."""
 Nanoseconds = npt.NDArray[np.int64]
 
 EPOCH = datetime.fromtimestamp(0, UTC)
 DAY_NS = 86_400_000_000_000
 MISSING = np.iinfo(np.int64).min
-"""Value of an empty cell."""
+"""Time of an empty cell."""
 _SEP = r"[-./]\s?"
 _FRACTION = r"(?:[.,:](?P<f>\d{1,9})\d*)?"
 _CLOCK = (
@@ -169,19 +169,19 @@ _SHAPE = re.compile(
     r"\s*(?:[^\W\d]{2,10}\.?,?\s+)?"
     r"(?:\d{1,4}[-./:]|(?:19|20)\d{6}[T_ -]|[^\W\d]{3,10}\.?,?\s+\d|\d{1,2}\.?[- ]\s?[^\W\d]{3})"
 )
-"""Start of dates and times other than compact ones; a fast test that rejects most cells that are no times."""
+"""Start of a date or time, except compact ones: a fast test that rejects most cells that are not times."""
 
 
 @dataclass(frozen=True)
 class TextTime:
-    """Format of the cells of a column with dates, times of day or both."""
+    """Format of the cells of a column with dates, times of day, or both."""
 
     pattern: str
     """Key of the matching pattern."""
     order: Order = ""
     """Meaning of the first element of a date: day, month or year."""
     sure: bool = True
-    """Whether the order follows from the cells; otherwise it is the usual order."""
+    """Whether the cells determine the order; otherwise the usual order is assumed."""
 
     @property
     def has_date(self) -> bool:
@@ -190,7 +190,7 @@ class TextTime:
 
     @property
     def has_clock(self) -> bool:
-        """Whether the cells include the time of day, or an elapsed time."""
+        """Whether the cells include a time of day or an elapsed time."""
         return "+" in self.pattern or not self.has_date
 
 
@@ -200,7 +200,7 @@ def looks_like_time(cell: str) -> bool:
 
 
 def find_text_time(cells: Sequence[str], *, european: bool = False) -> TextTime | None:
-    """Find the format of cells; None if no pattern fits all. `european`: ambiguous dates start with the day."""
+    """Find the format of cells; None if no pattern fits all. If `european`, ambiguous dates start with the day."""
     filled = [cell for cell in cells if cell.strip()]
     if not filled:
         return None
@@ -211,7 +211,7 @@ def find_text_time(cells: Sequence[str], *, european: bool = False) -> TextTime 
 
 
 def _ordered(found: TextTime, cells: Sequence[str], *, european: bool) -> TextTime:
-    """Decide between day first and month first: by numbers above twelve, by successive days, else by the usual order."""
+    """Decide between day first and month first by a number above 12, by successive days, or by the usual order."""
     if not found.pattern.startswith("two"):
         return replace(found, order="y" if found.pattern.startswith(("ymd", "compact")) else "d")
     match = [_PATTERNS[found.pattern].fullmatch(cell) for cell in cells]
@@ -228,16 +228,10 @@ def _ordered(found: TextTime, cells: Sequence[str], *, european: bool) -> TextTi
 
 
 def nanoseconds(cells: pa.Array, how: TextTime) -> Nanoseconds:
-    """Nanoseconds since 1970, or since midnight without dates; `MISSING` for empty cells.
-
-    Raises
-    ------
-    ValueError
-        If a cell does not fit; its arguments are the row in `cells` and the cell.
-    """
+    """Nanoseconds since 1970, or since midnight without dates; ValueError (row in `cells`, cell) if a cell does not fit."""
     cells = pc.utf8_trim_whitespace(cells)
     empty = pc.or_kleene(cells.is_null(), pc.equal(cells, "")).to_numpy(zero_copy_only=False)
-    # In Arrow's regular expressions, the class of letters of all languages has a different name.
+    # Arrow's regular expressions name the class of letters of all languages differently.
     parts = pc.extract_regex(cells, f"^(?:{_PATTERNS[how.pattern].pattern})$".replace(r"[^\W\d]", r"\pL"))
     fits = parts.is_valid().to_numpy(zero_copy_only=False)
     if not (fits | empty).all():
@@ -297,7 +291,7 @@ def _zone(text: str) -> int:
 
 
 def _day(part: dict[str, str], order: Order) -> int:
-    """Days since 1970; `MISSING` if there is no such day."""
+    """Days since 1970; `MISSING` if the date does not exist."""
     if not part["y"]:
         return 0
     year = int(part["y"])
@@ -318,12 +312,14 @@ def _day(part: dict[str, str], order: Order) -> int:
 
 
 Cells = Callable[[str], Iterator[pa.Array]]
-"""Function (column) that yields the column's cells in blocks; blocks have the same lengths in all columns."""
+"""Function (column) that yields the column's cells in blocks; corresponding blocks of all columns have the same
+length.
+"""
 
 
 @dataclass(frozen=True)
 class TimePlan:
-    """Interpretation of a table's time: fields, their formats (None for numbers), scale, offset and origin."""
+    """Interpretation of a table's time: columns, their formats (None for numbers), scale, offset and origin."""
 
     keys: tuple[str, ...]
     name: str
@@ -337,11 +333,11 @@ class TimePlan:
 
     @property
     def dated(self) -> bool:
-        """Whether the cells include the day, and not only the time of day."""
+        """Whether the cells include the day, not just the time of day."""
         return self.how[0] is None or any(how and how.has_date for how in self.how)
 
     def seconds(self, path: object, cells: Cells) -> Iterator[Array]:
-        """Yield the times of all rows [s] since `zero`; NaN for an empty cell."""
+        """Yield the times of all rows [s] since `zero`; NaN for empty cells."""
         state = _Rollover()
         row = 0
         for parts in zip(*(cells(key) for key in self.keys), strict=True):
@@ -356,10 +352,7 @@ class TimePlan:
             row += len(parts[0])
 
     def stamps(self, path: object, parts: Sequence[pa.Array], row: int = 0) -> Nanoseconds | None:
-        """Nanoseconds since 1970 (without a date since midnight), `MISSING` for empty cells.
-
-        None if the cells are numbers.
-        """
+        """Nanoseconds since 1970 (without date since midnight), `MISSING` for empty cells; None if the cells are numbers."""
         if self.how[0] is None:
             kind = parts[0].type
             if not pa.types.is_timestamp(kind):
@@ -399,7 +392,7 @@ class TimePlan:
 
 @dataclass
 class _Rollover:
-    """Conversion of times of day to continuous times across midnight, called for successive blocks."""
+    """Conversion of times of day to times that continue across midnight, for successive blocks."""
 
     last: int = MISSING
     days: int = 0

@@ -17,7 +17,7 @@ from shipfp_rs.logs.readers.time_cells import EPOCH, MISSING, Order, TextTime, T
 from shipfp_rs.support.arrays import Array
 
 SAMPLE_ROWS = 2000
-"""Rows in which the time is detected."""
+"""Number of first rows in which the time is detected."""
 EPOCHS: tuple[tuple[float, float, float, datetime, str], ...] = (
     (9.4e8, 2.2e9, 1.0, EPOCH, "s since 1970"),
     (9.4e11, 2.2e12, 1e-3, EPOCH, "ms since 1970"),
@@ -27,14 +27,14 @@ EPOCHS: tuple[tuple[float, float, float, datetime, str], ...] = (
     (1.25e17, 1.4e17, 1e-7, datetime(1601, 1, 1, tzinfo=UTC), "100 ns since 1601 (Windows)"),
     (6.3e17, 6.5e17, 1e-7, datetime(1, 1, 1, tzinfo=UTC), "100 ns since year 1 (.NET)"),
 )
-"""For each epoch: range of values (low, high) for dates from about 2000 to 2039, unit [s], epoch, description. The
-ranges do not overlap.
+"""For each epoch: lowest and highest value for dates from about 2000 to 2039, unit [s], epoch, description. The ranges
+do not overlap.
 """
 DAYS = (
     (3.6e4, 5.1e4, 25569.0, "days since 1900 (Excel)"),
     (7.3e5, 7.46e5, 719529.0, "days since year 0 (MATLAB)"),
 )
-"""For times in days: range of values (low, high) for the same dates, value at 1970-01-01, description."""
+"""For times in days: lowest and highest value for the same dates, value at 1970-01-01, description."""
 DAY_STEP = 1e-4
 """Largest plausible step of times in days (8.6 s). Times with such small steps in seconds would have a rate above 10 kHz."""
 LONGEST_STEP_S = 5.0
@@ -45,7 +45,7 @@ ORDERS: dict[str, Order] = {"d": "d", "t": "d", "j": "d", "m": "m", "y": "y", "a
 
 
 class Column(NamedTuple):
-    """Possible time column: name without unit, unit, field in the table, cells of its first rows."""
+    """Possible time column: name without unit, unit, key of the field in the table, cells of its first rows."""
 
     name: str
     unit: str
@@ -60,7 +60,7 @@ def is_number(column: Column) -> bool:
 
 
 def fits_time(column: Column) -> bool:
-    """Whether a column with a name for time has a unit of time: T [°C] does not."""
+    """Whether a column whose name means time has a unit of time: T [°C] does not."""
     return column.unit.lower() in time_cells.SECONDS or column.unit == "UTC"
 
 
@@ -71,7 +71,7 @@ def numbers_of(column: Column) -> Array:
 
 
 def plan_of_numbers(path: object, column: Column, *, trusted: bool = False) -> TimePlan | None:
-    """Interpret a column of numbers: unit of time, or time since an epoch such as 1970."""
+    """Interpret a column of numbers by its unit of time, or as time since an epoch such as 1970."""
     values = numbers_of(column)
     plan = TimePlan((column.key,), column.name)
     if len(values) < 2:
@@ -85,8 +85,8 @@ def plan_of_numbers(path: object, column: Column, *, trusted: bool = False) -> T
             continue
         if not unit and step * scale > LONGEST_STEP_S:
             raise InputError(
-                f"{path}: time column {column.name!r} starts at {first:.10g} in steps of {step:g}: {text}, or another unit? "
-                f"give the unit, such as --time '{column.name} [us]'"
+                f"{path}: time column {column.name!r} starts at {first:.10g} in steps of {step:g}; is it {text}, or "
+                f"in another unit? give the unit, such as --time '{column.name} [us]'"
             )
         offset = float(np.floor(first)) if scale == 1.0 else first
         zero = year + timedelta(microseconds=round(offset * scale * 1e6))
@@ -115,7 +115,7 @@ def plan_of_numbers(path: object, column: Column, *, trusted: bool = False) -> T
 
 
 def _is_packed(values: Array) -> bool:
-    """Whether numbers are times of day such as 100059.5 (hhmmss.s), which are more even as such: 59.9 is next to 100.0."""
+    """Whether numbers are times of day hhmmss.s, such as 100059.5: as times, they are more even (59.9 is next to 100.0)."""
     inside = (values >= 0.0) & (values < 240000.0) & (values % 100 < 60) & (values // 100 % 100 < 60)
     steps = np.diff(values)
     told = np.diff(values // 1e4 * 3600.0 + values // 100 % 100 * 60.0 + values % 100)
@@ -126,7 +126,7 @@ def _is_packed(values: Array) -> bool:
 
 @dataclass(frozen=True)
 class Wish:
-    """Time requested by the user: columns, and a unit or the order of a date."""
+    """Time columns requested by the user, with a unit or the order of a date."""
 
     columns: tuple[str, ...]
     told: str = ""
@@ -144,18 +144,13 @@ class Wish:
 def find_time(
     path: object,
     columns: Sequence[Column],
-    names: Mapping[str, str],
+    names: Mapping[str, str],  # key of every column of the table by name, in order
     *,
-    wish: str | None,
-    european: bool = False,
-    nameless: bool = False,
+    wish: str | None,  # the user's request, see `Wish.of`
+    european: bool = False,  # the table has decimal commas
+    nameless: bool = False,  # without headings: the first column is time if it rises evenly and does not count rows
 ) -> list[TimePlan]:
-    """Find the time columns of a table: none, one, or several that each precede the columns they belong to.
-
-    `columns` are the possible ones; `names` has the key of every column of the table by name, in order. `wish` is the
-    user's request, see `Wish.of`; `european` tables have decimal commas; in `nameless` ones the first column is time if it
-    rises evenly and does not count rows. `InputError` if the request names no column, or the time is ambiguous.
-    """
+    """Find the time columns of a table: none, one, or several that each precede the columns they belong to."""
     if wish is not None:
         return [_wished(path, columns, names, Wish.of(wish), european)]
     timely = [column for column in columns if is_number(column) and fits_time(column)]
@@ -167,7 +162,7 @@ def find_time(
     scored = [(_score(path, plan, columns), -place, plan) for place, plan in enumerate(found)]
     usable = [item for item in scored if item[0] > (0.0,)]
     if not usable:
-        # A column clearly named as time is returned although it is not usable: its use raises an error.
+        # Return a column that is clearly named as time although it is not usable; its use raises an error.
         ambiguous = time_cells.WORDS["ambiguous"].split()
         certain = [plan for plan in numbers if plan and time_cells.plain(plan.name) not in ambiguous]
         of_unit = (plan_of_numbers(path, column) for column in timely if column.unit)
@@ -181,7 +176,7 @@ def find_time(
 
 
 def even_step(values: Array) -> float:
-    """Step of values that rise evenly and do not count rows; 0 for others."""
+    """Step of values that rise evenly and do not count rows; 0 for other values."""
     steps = np.diff(values)
     step = float(np.median(steps)) if len(steps) else 0.0
     return step if step > 0.0 and step != 1.0 and (np.abs(steps - step) < 0.5 * step).all() else 0.0
@@ -307,12 +302,12 @@ def _text_plan(path: object, columns: Sequence[Column], european: bool) -> TimeP
 
 
 def _with_zero(path: object, plan: TimePlan, columns: Sequence[Column]) -> TimePlan:
-    """Use the first row as origin of a plan with dates."""
+    """Set the origin of a plan with dates to the first row."""
     return replace(plan, zero=_zero_of(path, plan, columns))
 
 
 def _zero_of(path: object, plan: TimePlan, columns: Sequence[Column]) -> datetime | None:
-    if plan.offset:  # for numbers since an epoch
+    if plan.offset:  # the numbers count from an epoch
         return plan.zero
     by_key = {column.key: column.cells for column in columns}
     told = plan.stamps(path, [by_key[key] for key in plan.keys])
@@ -321,7 +316,7 @@ def _zero_of(path: object, plan: TimePlan, columns: Sequence[Column]) -> datetim
 
 
 def _score(path: object, plan: TimePlan, columns: Sequence[Column]) -> tuple[float, ...]:
-    """Score of a column as time: whether its first rows rise, in even steps, and its name means time."""
+    """Score of a column as time: fraction of rising steps, fraction of even steps, whether its name means time."""
     steps = _first_steps(path, plan, columns)
     if len(steps) < 1 or np.mean(steps < 0.0) > 0.02 or not (steps > 0.0).any():
         return (0.0,)
@@ -340,7 +335,7 @@ def _first_steps(path: object, plan: TimePlan, columns: Sequence[Column]) -> Arr
 
 
 def timed_key(key: str, names: Mapping[str, str]) -> str | None:
-    """Key of the column that a column of times is named after."""
+    """Key of the column after which a time column is named."""
     name = next(name for name, own in names.items() if own == key)
     lower = {other.lower().replace(" ", "_"): own for other, own in names.items()}
     return next((lower[part] for part in sorted(time_cells.timed_by(name)) if part in lower), None)
@@ -349,10 +344,8 @@ def timed_key(key: str, names: Mapping[str, str]) -> str | None:
 def _interleaved(
     path: object, plans: Sequence[TimePlan], columns: Sequence[Column], names: Mapping[str, str]
 ) -> list[TimePlan]:
-    """Time plans of a table with groups of columns that each start with a time column; else an empty list.
-
-    Each time column is named after a column, or all have similar names, or their first rows rise at different rates.
-    """
+    """Time plans of a table with groups of columns that each start with a time column; else an empty list."""
+    # Each time column is named after a column, or all have similar names, or their first rows rise at different rates.
     keys = list(names.values())
     own = {column.key: column for column in columns}
     single = [(plan, own[plan.keys[0]]) for plan in plans if len(plan.keys) == 1]
