@@ -45,9 +45,20 @@ def of_python(path: Path) -> Iterator[Text]:
                 for piece in part.values
             ]
             yield path, node.lineno, "".join(map(str, pieces))
+    run: list[str] = []
+    begin, last = 0, -1
     for token in tokenize.generate_tokens(io.StringIO(source).readline):
-        if token.type == tokenize.COMMENT and "noqa" not in token.string:
-            yield path, token.start[0], token.string.lstrip("# ")
+        if token.type != tokenize.COMMENT or "noqa" in token.string:
+            continue
+        alone = token.line.lstrip().startswith("#")
+        if run and not (alone and token.start[0] == last + 1):
+            yield path, begin, " ".join(run)
+            run = []
+        begin = begin if run else token.start[0]
+        run.append(token.string.lstrip("# "))
+        last = token.start[0] if alone else -1
+    if run:
+        yield path, begin, " ".join(run)
 
 
 def of_rust(path: Path) -> Iterator[Text]:

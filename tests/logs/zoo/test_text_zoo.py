@@ -324,7 +324,7 @@ def _wishes() -> list[Layout]:
         Layout("no time at all", table("M [Nm],n [rpm]").encode(), refused="name the column of time (--time)"),
         Layout("a count of rows without headings", table("x", [str(k) for k in range(ROWS)]).split("\n", 1)[1].encode(), refused="give rate_hz (--rate)"),
         Layout("a time in steps of 50 without a unit", table("Time,M [Nm],n [rpm]", cells).encode(), refused="give its unit, such as --time 'Time [ms]'"),
-        Layout("microseconds of a running clock", table("timestamp,M [Nm],n [rpm]", [str(1_200_000_000 + round(s * 1e6)) for s in SECONDS]).encode(), refused="s since 1970, or another unit? give the unit"),
+        Layout("microseconds of a running clock", table("timestamp,M [Nm],n [rpm]", [str(1_200_000_000 + round(s * 1e6)) for s in SECONDS]).encode(), refused="s since 1970, or in another unit? give the unit"),
         Layout("time that goes back often", table("Time,M [Nm],n [rpm]", [str(k % 7) for k in range(ROWS)]).encode(), refused="goes back at row 8: 0 s after 6 s, and in 5 of 40 rows; cut the file there, or give rate_hz (--rate)"),
         Layout("one time for all rows", table("Time,M [Nm],n [rpm]", ["5.0"] * ROWS).encode(), refused="does not increase"),
         Layout("a date that is none", table("Stamp;M [Nm];n [rpm]", ["45.13.2019 10:00:00"] * ROWS, sep=";").encode(), refused="Stamp"),
