@@ -47,8 +47,8 @@ BUDGETS = {
     "python/shipfp_rs/plot": 974,
     "python/shipfp_rs/exports": 859,
     "python": 52749,
-    "rust/src": 9833,
-    "tests": 40028,
+    "rust/src": 9853,
+    "tests": 40032,
 }
 """Most lines of each room, and most numeric constants of identification and structures. A commit that earns it lowers a
 number; none is raised without a word in the commit's text."""

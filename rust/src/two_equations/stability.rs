@@ -15,6 +15,8 @@ const COUNTS: f64 = 0.3;
 const NEUTRAL: f64 = 1e-9;
 /// Damping ratio that every shaft has at least; without damping any governor makes a shaft swing.
 const LEAST_DAMPED: f64 = 0.01;
+/// Iterations of Newton's method for the pole of a shaft that twists.
+const NEWTON: usize = 8;
 /// Least relative frequency step.
 const FINEST: f64 = 1e-5;
 
@@ -40,12 +42,31 @@ fn along(c: Polynomial, w: f64) -> [f64; 2] {
     [c[0] - w * w * (c[2] - c[4] * w * w), w * (c[1] - c[3] * w * w)]
 }
 
+/// Root of a polynomial near j w by Newton's method: real and imaginary part; j w where it does not converge.
+fn pole_near(c: &Polynomial, w: f64) -> [f64; 2] {
+    let mut s = [0.0, w];
+    for _ in 0..NEWTON {
+        let (mut value, mut slope) = ([0.0; 2], [0.0; 2]);
+        for coefficient in c.iter().rev() {
+            slope = times(slope, s);
+            slope = [slope[0] + value[0], slope[1] + value[1]];
+            value = times(value, s);
+            value[0] += coefficient;
+        }
+        let size = slope[0] * slope[0] + slope[1] * slope[1];
+        let step = times(value, [slope[0], -slope[1]]);
+        s = [s[0] - step[0] / size, s[1] - step[1] / size];
+    }
+    if s[0].is_finite() && s[1].is_finite() { s } else { [0.0, w] }
+}
+
 /// Transfer function from fuel to engine speed about the operating point: `speed` / `torque`, polynomials in s.
 struct Shaft {
     speed: Polynomial,
     torque: Polynomial,
-    /// Resonance of a torsionally flexible shaft, and its decay rate [rad/s]; 0: a stiff shaft.
-    resonance: [f64; 2],
+    /// Of a torsionally flexible shaft: resonance without load and engine, frequency and decay rate of the pole near it
+    /// [rad/s]; 0: a stiff shaft.
+    resonance: [f64; 3],
 }
 
 impl Shaft {
@@ -57,9 +78,8 @@ impl Shaft {
         if twist <= 0.0 || ahead <= 0.0 || behind <= 0.0 {
             let (own, inertia, lag) = (law - q[at::G], q[at::TAU_N] + more, q[at::TAU_ENG]);
             let torque = [own, inertia + lag * law, lag * inertia, 0.0, 0.0];
-            return Self { speed: [1.0, 0.0, 0.0, 0.0, 0.0], torque, resonance: [0.0; 2] };
+            return Self { speed: [1.0, 0.0, 0.0, 0.0, 0.0], torque, resonance: [0.0; 3] };
         }
-        // Resonance [rad/s], and decay rate: half of the sum of the poles without the slow pole.
         let square = (1.0 / ahead + 1.0 / behind) / twist;
         let damped = (twist * q[at::ZETA_TWIST]).max(2.0 * LEAST_DAMPED / square.sqrt());
         let speed = [1.0, damped + twist * law, twist * behind, 0.0, 0.0];
@@ -68,13 +88,13 @@ impl Shaft {
         for (mine, more) in torque.iter_mut().zip(ends) {
             *mine += more;
         }
-        let slow = (torque[0] - q[at::G]) / torque[1].abs().max(1e-12);
-        let fades = 0.5 * (torque[2] / torque[3] - slow).abs();
         torque = product([1.0, q[at::TAU_ENG], 0.0, 0.0, 0.0], torque);
         for (mine, own) in torque.iter_mut().zip(speed) {
             *mine -= q[at::G] * own;
         }
-        Self { speed, torque, resonance: [square.sqrt(), fades.max(1e-4 * square.sqrt())] }
+        let swings = square.sqrt();
+        let [decay, near] = pole_near(&torque, swings);
+        Self { speed, torque, resonance: [swings, near, decay.abs().max(1e-4 * swings)] }
     }
 
     /// Number of unstable poles, by Routh.
@@ -138,7 +158,7 @@ pub fn is_stable(q: &[f64; COUNT], open_loop: bool) -> bool {
         let turned = if fade > 0.0 { turned } else { times(turned, [w, corner]) };
         (turned, asked[0].hypot(asked[1]) / size)
     };
-    let [swings, fades] = shaft.resonance;
+    let [swings, near, fades] = shaft.resonance;
     let (step, delay) = (10.0_f64.powf(1.0 / PER_DECADE), q[at::T_D] + apart);
     let slowest = corner.min((own.abs() / shaft.torque[1].abs().max(1e-9)).max(1e-6));
     let slowest = if fade > 0.0 { slowest.min(fade) } else { slowest };
@@ -157,7 +177,7 @@ pub fn is_stable(q: &[f64; COUNT], open_loop: bool) -> bool {
             next = next.min(w + TURN / delay.max(1e-9));
         }
         if swings > 0.0 {
-            next = next.min(w + TURN * (w - swings).hypot(fades));
+            next = next.min(w + TURN * (w - near).hypot(fades));
         }
         next
     };
