@@ -92,7 +92,7 @@ pub fn taken_by_limits(
         charge,
         droop,
     ] = *parameters;
-    // The gains with the droop of the command itself, and what the droop takes of the integral.
+    // The droop feeds the command back to the set point: it reduces all gains by one factor and makes the integral decay.
     let less = 1.0 / (1.0 + droop * k_p);
     let (k_p, k_i, k_d) = (k_p * less, k_i * less, k_d * less);
     let half_fade = 0.5 * data.every * droop * k_i;
@@ -129,7 +129,8 @@ pub fn taken_by_limits(
     let charged = Lag::new(charge, h);
     let mut found = [Vec::with_capacity(samples), Vec::with_capacity(samples)];
     let (mut sum, mut before, mut commanded, mut free, mut rack) = (0.0, 0.0, 0.0, 0.0, 0.0);
-    // Torque without limit of torque, and what the rack's rate takes, each with its input at the last sample.
+    // Torque without the torque limit, and torque that the rack's rate limit removes; each with its input at the last
+    // sample.
     let (mut burnt, mut taken) = ([0.0; 2], [0.0; 2]);
     for k in 0..samples {
         if k % CHECK_EVERY == 0 {
@@ -156,7 +157,8 @@ pub fn taken_by_limits(
         if k > 0 {
             let rise = (command - commanded) / h;
             let gap = commanded - rack;
-            // The rack's slope changes from gap / lag to the command's; if both are within the limit, no limit acts.
+            // Over a step the rack's slope changes from gap / lag to the command's slope. If both are within the limits,
+            // none acts.
             rack = if lag > 0.0 && within(gap, lag) && within(rise, 1.0) {
                 command - rise * lag + (rise * lag - gap) * stays
             } else {

@@ -3,7 +3,8 @@
 /// Errors of a kernel.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Error {
-    /// An argument has the wrong shape, length or value; the message has its name, the found and the expected value.
+    /// An argument has the wrong shape, length or value; the message gives its name, the value found and the value
+    /// expected.
     #[error("{0}")]
     Invalid(String),
     /// A simulation left the range of finite numbers.

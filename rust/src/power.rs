@@ -25,7 +25,7 @@ pub fn power_and_slope(speed: f64, exponent: f64) -> [f64; 2] {
     [speed * slope, exponent * slope]
 }
 
-/// 2^52; the low bits of its sum with a small whole number are that number.
+/// 2^52. Its sum with a small whole number holds that number in the low bits.
 const TWO_52: f64 = 4_503_599_627_370_496.0;
 
 /// Base-2 logarithm of a positive normal number.
@@ -46,7 +46,7 @@ fn log2(x: f64) -> f64 {
         0.220_913_084_231_176_8,
         0.213_658_956_943_192_7,
     ];
-    // Shifted so that the exponent field starts k at sqrt(1/2).
+    // The shift lets the exponent field increase at sqrt(1/2) 2^k instead of at 2^k.
     let biased = x.to_bits().wrapping_add(ONE - SQRT_HALF) >> 52;
     let k = f64::from_bits(TWO_52.to_bits() | biased) - (TWO_52 + 1023.0);
     let m = f64::from_bits(x.to_bits().wrapping_sub(biased.wrapping_sub(1023) << 52));
@@ -57,7 +57,7 @@ fn log2(x: f64) -> f64 {
 /// 2^y, from 2^-1022 to 2^1023: 2^k 2^f with f in [-1/2, 1/2].
 #[inline(always)]
 fn exp2(y: f64) -> f64 {
-    /// Adding this rounds to a whole number, in two's complement in the low bits.
+    /// Adding this number rounds to a whole number, which the low bits then hold in two's complement.
     const ROUND: f64 = 1.5 * TWO_52;
     /// 2^f, interpolated at Chebyshev nodes, with an error of at most 2e-17.
     const SERIES: [f64; 12] = [

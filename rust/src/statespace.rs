@@ -37,8 +37,8 @@ pub struct Recursion<'a> {
 }
 
 impl<'a> Recursion<'a> {
-    /// Validate: `system` `[1 + directions, states + outputs, states + inputs]`, `start` `[1 + directions, states]`; input
-    /// `j` of sample `k` is sample `k + shifts[j]` of the signal, which is extended by its first and last samples.
+    /// Validate `system` `[1 + directions, states + outputs, states + inputs]` and `start` `[1 + directions, states]`.
+    /// Input `j` of sample `k` is sample `k + shifts[j]` of the signal, which is extended by its first and last samples.
     ///
     /// # Errors
     /// [`Error::Invalid`] if lengths do not match or a value is not finite.
@@ -87,7 +87,7 @@ impl<'a> Recursion<'a> {
         Ok(())
     }
 
-    /// Arrays of a pass with so many used lanes.
+    /// Arrays of a pass that uses `used` lanes.
     fn prepared(&self, skipped: usize, used: usize) -> Steps {
         let Self { system, start, states, outputs, shifts, .. } = *self;
         let (width, rows) = (states + shifts.len(), states + outputs);
@@ -132,7 +132,7 @@ impl<'a> Recursion<'a> {
             history: vec![[0.0; LANES]; (BLOCK + 1) * height],
             drive: vec![0.0; BLOCK * shifts.len()],
         };
-        // A derivative by the initial state alone does not change the system.
+        // If all derivatives are by the initial state, the system has none, and only the inputs contribute.
         let still = |(place, lanes): (usize, &[[f64; LANES]; GROUP])| {
             place % width >= states || lanes.as_flattened().iter().all(|factor| *factor == 0.0)
         };
@@ -188,8 +188,8 @@ impl<'a> Recursion<'a> {
 struct Steps {
     /// `[F; C]`, applied to the states of each lane.
     own: Vec<[f64; GROUP]>,
-    /// Contribution of the value's states and the inputs to each lane: `[0, G; 0, D]` for the first, a derivative for the
-    /// others.
+    /// Contribution of the value's states and the inputs to each lane: `[0, G; 0, D]` for the first lane, and the
+    /// system's derivative for the others.
     fed: Vec<[[f64; LANES]; GROUP]>,
     /// The first column with a contribution.
     moved: usize,

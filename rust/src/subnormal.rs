@@ -1,8 +1,8 @@
 //! Decaying states are set to zero before they become subnormal numbers, with which processors compute many times slower.
 //!
 //! Kernels set such states to zero at least every few dozen samples. The samples at which they do so depend on the record
-//! alone, so that results do not depend on the number of threads or on vector instructions. Otherwise rounding would keep
-//! a recursion at the least subnormal number until the end of a record.
+//! alone, so that results do not depend on the number of threads or on vector instructions. If states were not set to
+//! zero, rounding would keep a recursion at the least subnormal number until the end of a record.
 
 /// Magnitude below which a number counts as zero: its square is still normal, and no signal or derivative is significant
 /// there.

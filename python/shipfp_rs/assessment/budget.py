@@ -1,4 +1,4 @@
-"""Uncertainty budget of a fingerprint in SI units: what calibration leaves open, beside what the data leave open."""
+"""Uncertainty budget of a fingerprint in SI units: uncertainty from calibration, and from the fit to the data."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from shipfp_rs.support.arguments import NotNegative, checked
 from shipfp_rs.support.files import finite
 
 FIT = "fit"
-"""Name of the contribution of noise, and of the errors of response that the fit allows for."""
+"""Name of the contribution of noise and of the errors of the sensors' response that the fit allows for."""
 POWERS: Mapping[str, Mapping[str, float]] = {
     "kg m2": {"torque scale": 1.0, "speed scale": -1.0, "clock": 2.0, "gear ratio": 1.0},
     "Nm/rpm": {"torque scale": 1.0, "speed scale": -1.0, "clock": 1.0, "gear ratio": -1.0},
@@ -22,21 +22,22 @@ POWERS: Mapping[str, Mapping[str, float]] = {
     "-": {"torque zero": -1.0},
     "s": {"clock": 1.0},
 }
-"""Power with which each input acts on a quantity of a unit, for a torque of the shaft.
+"""Exponent of each input in a quantity, by the quantity's unit, for a torque measured on the shaft.
 
-The speed is pulses over time, so a clock that shows times 1 % too long shows the speed 1 % too low. The torque's zero moves
-the operating point alone: what is relative to it, as the exponent, changes, and what is in SI units does not.
+The speed is a number of pulses over a time, so a clock that shows times 1 % too long shows the speed 1 % too
+low. The torque's zero changes only the operating point. Quantities relative to the operating point, such as the
+exponent, change with it; quantities in SI units do not.
 """
 BEHIND_THE_GEAR = 1.0
-"""Further power of the gear ratio where the torque is the engine's."""
+"""Exponent of the gear ratio to be added if the torque is that of the engine."""
 
 
 @dataclass(frozen=True)
 class Contribution:
     """Contribution of an input to a quantity.
 
-    `input_pct` is the input's standard uncertainty [%]; None for the fit. `u` is the quantity's that it causes, in the
-    quantity's unit, and `share` its share of the variance.
+    `input_pct` is the input's standard uncertainty [%]; None for the fit. `u` is the standard uncertainty that
+    the input causes in the quantity, in the quantity's unit, and `share` its share of the variance.
     """
 
     input: str
@@ -47,9 +48,10 @@ class Contribution:
 
 @dataclass(frozen=True)
 class Budget:
-    """Budget of one quantity: value, combined standard uncertainty, contributions (largest first).
+    """Budget of one quantity: its value, combined standard uncertainty, and contributions (largest first).
 
-    `halved` is the contribution whose halving helps most, and `then_u` the combined uncertainty then.
+    `halved` is the contribution whose halving reduces the uncertainty most, and `then_u` the combined
+    uncertainty after that.
     """
 
     quantity: str
@@ -80,12 +82,13 @@ def budget(
     Parameters
     ----------
     fingerprint
-        Fingerprint with quantities in SI units (`fingerprint.si`): inertias by itself, the others with a vessel.
+        Fingerprint with quantities in SI units (`fingerprint.si`). Every fingerprint has inertias in SI units;
+        the other quantities need a vessel.
     torque_pct, zero_pct
-        Standard uncertainty of the torque's scale [%], and of its zero, per cent of the operating torque.
+        Standard uncertainty of the torque's scale [%], and of its zero [% of the operating torque].
     speed_pct, clock_pct, ratio_pct
-        Standard uncertainty of the speed's scale, as by the number of reflectors, of the logger's clock, and of the gear
-        ratio [%].
+        Standard uncertainty [%] of the speed's scale (such as the number of reflectors), of the logger's clock,
+        and of the gear ratio.
 
     Returns
     -------
@@ -125,7 +128,7 @@ def budget(
     signal = next((row["signals"].get("dM") for row in fingerprint.data if "dM" in row["signals"]), None)
     before_gear = BEHIND_THE_GEAR if signal in (None, ENGINE_SIDE) else 0.0
     limit = fingerprint.parameters.get("M_max")
-    # The torque's zero is a part of a limit of torque.
+    # A torque limit in Nm contains the torque's zero.
     by_zero = {"Nm": 1.0 / limit.value} if limit is not None and limit.value else {}
     return {
         name: _budget(name, row, inputs, before_gear, by_zero.get(row["unit"], 0.0))
@@ -140,7 +143,7 @@ def _budget(
     value, unit = float(row["value"]), str(row["unit"])
     powers = {**POWERS.get(unit, {}), **({"torque zero": by_zero} if by_zero else {})}
     if "gear ratio" in powers:
-        # A quantity seen from the shaft on which it was measured needs no gear ratio.
+        # A quantity that refers to the shaft on which it was measured does not depend on the gear ratio.
         powers["gear ratio"] = 0.0 if "seen_from" in row else powers["gear ratio"] + before_gear
     parts = {FIT: float(row["std"])}
     parts |= {one: abs(power * value) * inputs[one] / 100.0 for one, power in powers.items() if inputs[one]}

@@ -1,6 +1,6 @@
 """Poles, margins, bandwidth and recovery of the identified speed loop, each with its standard deviation.
 
-Structure and frequency response of a fingerprint's model are here, too.
+This module also rebuilds a fingerprint's structure and its frequency response.
 """
 
 from __future__ import annotations
@@ -115,32 +115,34 @@ def closed_loop(
     Parameters
     ----------
     fingerprint
-        Fingerprint of a linear structure: that of the ship or of a vessel's plant. Where the model ends at a torque meter
-        the figures are those of the whole ship, if the load behind the meter is known, else those of the drive alone.
+        Fingerprint of a linear structure: that of the ship or of a vessel's plant. If the model ends at a torque
+        meter, the figures are those of the whole ship if the load behind the meter is known, and otherwise those
+        of the drive alone.
     structure
         Structure of the fingerprint; None rebuilds it.
     draws
-        Draws of the fingerprint, of which each figure's interval then holds 95 % of the first 400.
+        Draws of the fingerprint. Each figure's interval then holds 95 % of its values for the first 400 draws.
 
     Returns
     -------
     dict
         Estimates with 95 % intervals by name. Without draws, intervals are first order in the covariance of the
         parameters, on a logarithmic scale if the figure can't change its sign. They include the figures of all
-        parameter sets that the profile likelihoods found compatible with the data. The figures: real and imaginary part
-        of the two slowest poles with exact dead times [rad/s], slowest first, each complex pair by its upper pole;
-        crossover [Hz], phase margin [deg], gain margin [-]; proportional gain vK_p [-] and period [s] at which the loop
-        would oscillate if all gains increased together (K_u and P_u of tuning rules); -3 dB bandwidth of the speed
-        [Hz]; settling time of the speed to within 5 % after a step of the set point [s], and overshoot [-]; slow and
-        fast gain of the torque [-] (eq. 3.39, 3.40), the fast gain without actuator lag and flexible shaft. An
-        undetermined figure has no value. The gain margin of a loop that never oscillates has no value either; its
-        interval begins at the least gain at which the loop would oscillate with an element that the data do not
-        exclude.
+        parameter sets that the profile likelihoods found compatible with the data. The figures are: real and
+        imaginary part of the two slowest poles with exact dead times [rad/s], slowest first, each complex pair
+        by its upper pole; crossover [Hz], phase margin [deg], gain margin [-]; proportional gain vK_p [-] and
+        period [s] at which the loop would oscillate if all gains increased together (K_u and P_u of tuning
+        rules); -3 dB bandwidth of the speed [Hz]; settling time of the speed to within 5 % after a step of the
+        set point [s], and overshoot [-]; slow and fast gain of the torque [-] (eq. 3.39, 3.40). The fast gain
+        neglects actuator lag and flexible shaft. An undetermined figure has no value. The gain margin of a loop
+        that never oscillates has no value either; its interval begins at the least gain at which the loop would
+        oscillate with an element that the data do not exclude.
 
     Raises
     ------
     InputError
-        If the structure has no linearisation, or there are draws of a drive whose load behind a torque meter they lack.
+        If the structure has no linearisation, or if draws are given of a model that ends at a torque meter: they
+        lack the load behind the meter.
 
     Examples
     --------
@@ -171,7 +173,7 @@ def closed_loop(
 
 
 def _of_draws(figures: Mapping[str, tuple[str, Figure]], values: Values, draws: Draws) -> dict[str, Estimate]:
-    """Estimates of figures whose intervals hold 95 % of the draws; a figure that one draw in forty lacks has none."""
+    """Estimates whose intervals hold 95 % of the draws; a figure missing in 2.5 % of the draws or more has no value."""
 
     def of(drawn: Values) -> list[float]:
         return [_or_none(figure, {**values, **drawn}) for _, figure in figures.values()]
@@ -188,7 +190,7 @@ def _of_draws(figures: Mapping[str, tuple[str, Figure]], values: Values, draws: 
 
 
 def _or_none(figure: Figure, values: Values) -> float:
-    """Return a figure, NaN where it has no root or does not converge."""
+    """Return a figure; NaN if it has no root or its computation does not converge."""
     try:
         return figure(values)
     except (ValueError, np.linalg.LinAlgError):
@@ -196,10 +198,7 @@ def _or_none(figure: Figure, values: Values) -> float:
 
 
 def poles_of(structure: Structure, values: Values) -> ComplexArray:
-    """Two slowest poles of the loop with its dead time [rad/s], the slower one first, shape (2,) or (1,).
-
-    A complex pair is represented by its upper pole; a pole is slow if its absolute value is small.
-    """
+    """Two slowest poles of the loop with dead time [rad/s], slowest first, shape (2,) or (1,); of a pair the upper pole."""
     return np.array(sorted(_Loop(structure, values).poles[:2], key=abs))
 
 
@@ -238,8 +237,8 @@ def _figures(structure: Structure, values: Values) -> dict[str, tuple[str, Figur
 def unwrapped(loop: ComplexArray) -> Array:
     """Unwrapped phase (..., F) of open loops at `SEARCHED_HZ` [rad].
 
-    At low frequencies an open loop lags by 90 degrees, or by 270 if engine and load without governor are unstable (g above
-    p); its phase is never positive.
+    At low frequencies an open loop lags by 90 degrees, or by 270 degrees if engine and load are unstable without
+    governor (g above p). Its phase is never positive.
     """
     phase = np.unwrap(np.angle(loop), axis=-1)
     return np.asarray(phase - 2.0 * np.pi * np.ceil(phase[..., :1] / (2.0 * np.pi) - LEADING))
@@ -254,10 +253,7 @@ class _Loop:
 
     @cached_property
     def poles(self) -> ComplexArray:
-        """The slowest poles, slowest first, a few more than are reported.
-
-        Newton's method refines the poles of a Pade approximation of the dead time to the exact ones.
-        """
+        """The slowest poles, slowest first, more than are reported: roots of a Pade model, refined by Newton's method."""
         known = {**self.known, "T_set": 0.0}  # outside the loop
         inside = {**self.values, "T_set": 0.0, **dict.fromkeys(LATE_CHANNELS, 0.0)}
         poles = np.linalg.eigvals(state_space(self.structure, inside, PADE).A).astype(np.complex128)
@@ -357,7 +353,7 @@ class _Loop:
 
 
 def _passed(searched: Array, value: Callable[[float], float]) -> float:
-    """Lowest frequency [Hz] at which a function, known at `SEARCHED_HZ`, falls through zero; NaN without one."""
+    """Lowest frequency [Hz] at which a function, known at `SEARCHED_HZ`, falls through zero; NaN if it never does."""
     change = np.flatnonzero(np.diff(np.sign(searched)) < 0.0)
     if not len(change):
         return float("nan")
@@ -366,7 +362,7 @@ def _passed(searched: Array, value: Callable[[float], float]) -> float:
 
 
 def _peak(off: Array) -> float:
-    """Largest value of an evenly sampled signal, between its samples: by the parabola through the largest three."""
+    """Largest value of an evenly sampled signal, from the parabola through its largest sample and both neighbours."""
     at = int(np.argmax(off))
     if not 0 < at < len(off) - 1:
         return float(off[at])
@@ -375,7 +371,7 @@ def _peak(off: Array) -> float:
 
 
 def _decay(space: StateSpace) -> tuple[ComplexArray, ComplexArray]:
-    """Speed after a step, less its last value and over it: poles, and weights of their exponentials."""
+    """Poles and weights of the exponentials of a step response: the speed minus its final value, divided by this value."""
     place = space.outputs.index("dn")
     poles, modes = np.linalg.eig(space.A)
     weights = (space.C[place] @ modes) * np.linalg.solve(modes, space.B) / poles
@@ -383,7 +379,7 @@ def _decay(space: StateSpace) -> tuple[ComplexArray, ComplexArray]:
 
 
 def _powers(base: ComplexArray, count: int) -> ComplexArray:
-    """Powers base^0, base^1, ... of each base, shape (P, count), as products of few powers."""
+    """Powers base^0, base^1, ... of each base, shape (P, count), as products of a few powers."""
     width = int(np.ceil(np.sqrt(count)))
     few = base[:, None] ** np.arange(width)
     many = (base[:, None] ** width) ** np.arange(width)
@@ -391,7 +387,7 @@ def _powers(base: ComplexArray, count: int) -> ComplexArray:
 
 
 def _same(fingerprint: Fingerprint, name: str, value: float) -> Estimate | None:
-    """Estimate of the parameter that equals a figure; None without such a parameter."""
+    """Estimate of the parameter that equals a figure; None if no parameter does."""
     told = {**fingerprint.derived, **fingerprint.parameters}.get(SAME.get(name, ""))
     if (
         told is None
@@ -413,11 +409,7 @@ def estimated(
     *,
     endless: bool = False,
 ) -> Estimate:
-    """Estimate of a figure of the ship, with its interval.
-
-    `least` is the figure's least possible value; None: the figure can't change its sign. With `endless`, a
-    figure without a finite value may be infinite, such as a margin.
-    """
+    """Estimate of a figure with its interval; `least` None: its sign can't change; `endless`: it may be infinite."""
     values = dict(fingerprint.optimum)
     value = figure(values)
     unknown = partial(Estimate, None, unit=unit, status="unidentifiable")
@@ -459,7 +451,7 @@ def estimated(
 
 
 def _first_order(value: float, std: float, least: float | None) -> tuple[float, float]:
-    """Ends of a figure's interval: if it can't change its sign, the value divided and multiplied by a factor."""
+    """Ends of a figure's interval; a figure whose sign can't change is divided and multiplied by a factor."""
     reach = DEVIATIONS_95 * std
     if least is not None or not value:
         return max(value - reach, -np.inf if least is None else least), value + reach

@@ -28,10 +28,7 @@ TORQUE_APART = 0.05
 
 
 def with_common_elements(fingerprints: Sequence[Fingerprint]) -> tuple[list[Fingerprint], list[str]]:
-    """Return fingerprints of the full ship with all elements found in any of them, refitted if necessary.
-
-    Fingerprints are returned unchanged if the user gave any structure, or if one to be refitted has no experiments.
-    """
+    """Return fingerprints of the full ship with all elements found in any of them, refitted if necessary and possible."""
     acting = {
         name for one in fingerprints for name in TRIED if one.elements.get(name, {}).get("state") == "on"
     }
@@ -65,7 +62,7 @@ def with_common_elements(fingerprints: Sequence[Fingerprint]) -> tuple[list[Fing
 
 
 def require_comparable(before: Fingerprint, after: Fingerprint) -> tuple[str, ...]:
-    """Remarks on what weakens a comparison; raises an error if a difference would be meaningless."""
+    """Return remarks on circumstances that weaken a comparison; raise `InputError` if the comparison has no meaning."""
     if before.vessel and after.vessel and before.vessel != after.vessel:
         raise InputError(f"fingerprints of {before.vessel!r} and {after.vessel!r}; expected the same ship")
     chosen = _chosen(before, after)
@@ -124,7 +121,7 @@ def _chosen(*fingerprints: Fingerprint) -> bool:
 
 
 def _given(fingerprint: Fingerprint) -> dict[str, float]:
-    """Values fixed by the user, without those that the search fixed since the data do not determine them."""
+    """Values fixed by the user; values that the search fixed, since the data do not determine them, are left out."""
     return {
         name: estimate.value
         for name, estimate in fingerprint.parameters.items()

@@ -29,7 +29,7 @@ from shipfp_rs.support.threads import with_one_blas_thread
 from shipfp_rs.support.units import unit_shown
 
 SMOOTHED = 13
-"""Number of bins over which the set point's power is averaged: the least number for a point of `local_response`."""
+"""Number of bins over which the set point's power is averaged; `local_response` needs as many for one point."""
 EXCITED = 1e-4
 """Least power of the set point at an excited frequency, relative to its maximum."""
 LOST = 0.3
@@ -220,7 +220,8 @@ def compare(
     level
         Probability of a false alarm, over all quantities, and for the joint test.
     draws
-        Draws of both fingerprints, from which intervals and covariances are then taken, valleys included.
+        Draws of both fingerprints, from which intervals and covariances are then computed; draws also represent
+        likelihoods that are not ellipsoids.
 
     Returns
     -------
@@ -231,8 +232,8 @@ def compare(
     Raises
     ------
     InputError
-        If the fingerprints can't be compared: another ship, structure, operating speed or given value, a search without a
-        minimum, or no quantity known in both.
+        If the fingerprints can't be compared: they differ in ship, structure, operating speed or given values, a
+        search found no minimum, or no quantity is known in both.
 
     Notes
     -----
@@ -346,7 +347,7 @@ def _change(name: str, before: Estimate, after: Estimate, draws: tuple[Draws, Dr
 
 
 def _sides(estimate: Estimate, drawn: Array | None = None) -> tuple[float, float]:
-    """Distances from the value to the interval's ends; the other distance replaces a distance that a bound cuts short."""
+    """Distances from the value to the interval's ends; a side that a bound cuts short gets the other side's distance."""
     value, ends = estimate.value, estimate.ci95
     assert value is not None
     assert estimate.std is not None
@@ -416,11 +417,7 @@ def _joint(
 
 
 def _reached(fingerprint: Fingerprint, names: Sequence[str]) -> Array:
-    """Distance from the estimate, by quantity, of each parameter set compatible with the data, shape (sets, K).
-
-    A covariance describes the compatible parameter sets by an ellipsoid. If the compatible sets lie along a
-    curve, as for delays, some of them are outside the ellipsoid.
-    """
+    """Distance of each parameter set compatible with the data from the estimate, for each quantity, shape (sets, K)."""
     try:
         rows = [
             [values[name] if name in values else COMBINATIONS[name][1](values) for name in names]

@@ -36,7 +36,8 @@ def leverage(
     """Return the leverage of each point's amplitude and phase.
 
     The diagonal of the hat matrix: 0 if the fit would be the same without the point, 1 if the point alone determines a
-    direction of the parameters. The sum is the number of identifiable directions, less the information from priors.
+    direction of the parameters. The sum of all leverages is the number of identifiable directions, less the
+    information from priors.
 
     Parameters
     ----------
@@ -83,7 +84,7 @@ def leverage(
 
 Kind = Literal["bounded", "one-sided", "flat"]
 Drawn = tuple[Array, Array, Array]
-"""Values of a parameter on one side of the minimum, rises of the cost, and best values of all parameters."""
+"""Values of a parameter on one side of the minimum, increases of the cost there, and best values of all parameters."""
 
 LEVEL = float(chi2.ppf(0.95, 1))
 """Deviance at the ends of a 95 % interval, 3.84."""
@@ -117,7 +118,8 @@ class Likelihood(Brief):
     others
         Best values of the other searched parameters along the profile, shape (K,) each.
     interval
-        Ends at which the deviance exceeds 3.84, or the parameter's bounds before; infinite without either.
+        Ends at which the deviance exceeds 3.84, or the parameter's bound if that comes first; infinite if there
+        is neither.
     kind
         "bounded": the data limit the interval on both sides; "one-sided": the data limit it on one side only;
         "flat": the data limit neither side and do not determine this parameter.

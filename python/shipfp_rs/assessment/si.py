@@ -1,4 +1,4 @@
-"""A fingerprint in SI units, by the gear ratio and the operating point, and its uncertainty in the ship's responses."""
+"""Conversion of a fingerprint to SI units and to a vessel, priors from drawings, and responses with deviations."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ from shipfp_rs.vessel.torsion import Line, Seen
 from shipfp_rs.vessel.vessel import Vessel
 
 SAME_RATIO = 0.02
-"""Largest relative difference between the gear ratios of a torsional line and of its vessel; teeth are counted."""
+"""Largest relative difference between the gear ratios of a torsional line and of its vessel; both count teeth."""
 CONTRADICTED = Sentence(
     "Known beforehand: {name} = {mean} ± {std} s; from the data alone: {value} ± {spread} s. That is {apart} standard "
     "deviations apart, more than chance: look at the drawing and its units, the place of the gauge, and the scale of the "
@@ -77,9 +77,10 @@ def in_si(fingerprint: Fingerprint, vessel: Vessel) -> dict[str, dict[str, Any]]
     Returns
     -------
     dict
-        {"value", "std", "ci95", "unit"} of each quantity; undetermined parameters have none. Inertias are referred to the
-        propeller shaft, gains act on the engine's speed in rpm, the torque limit is that of the engine. Where the model ends
-        at a torque meter "inertia_before_meter" is the inertia up to it, and "inertia" the whole ship's, if that is known.
+        {"value", "std", "ci95", "unit"} of each quantity; undetermined parameters have none. Inertias are
+        referred to the propeller shaft, gains act on the engine's speed in rpm, and the torque limit is that of
+        the engine. If the model ends at a torque meter, "inertia_before_meter" is the inertia up to the meter,
+        and "inertia" is that of the whole ship, if it is known.
 
     Notes
     -----
@@ -146,11 +147,7 @@ def doubts(fingerprint: Fingerprint, vessel: Vessel) -> list[str]:
 def vessel_priors(
     vessel: Vessel, experiments: Sequence[Experiment], std_pct: float | None
 ) -> dict[str, tuple[float, float]]:
-    """Return the priors (mean, standard deviation) of parameters that follow from a vessel's inertias and stiffness.
-
-    A side of the gauge without a given inertia has no prior; without `std_pct` there is none at all. Eq. 3.23 of the thesis
-    gives the time constants, from the operating point of the first experiment.
-    """
+    """Priors (mean, standard deviation) from a vessel's inertias and stiffness (eq. 3.23); none without `std_pct`."""
     if std_pct is None:
         return {}
     drawn = Seen(
@@ -190,8 +187,9 @@ def torsional_priors(
 ) -> dict[str, tuple[float, float]]:
     """Return the priors (mean, standard deviation) of parameters that follow from a torsional calculation.
 
-    These are `tau_n` of all inertias, `tau_prop` of those behind the gauge, and `tau_twist` of the compliance between engine
-    and propeller, each in s (eq. 3.23 of the thesis), for `identify(priors=...)`.
+    `tau_n` follows from all inertias, `tau_prop` from those behind the gauge, and `tau_twist` from the
+    compliance between engine and propeller, each in s (eq. 3.23 of the thesis). The result is for
+    `identify(priors=...)`.
 
     Parameters
     ----------
@@ -199,9 +197,10 @@ def torsional_priors(
         File of discs, shafts and gears, or an `opentorsion.Assembly`; the first disc is at the engine's end, the last one is
         the propeller with its water.
     experiments, vessel
-        The first experiment has the operating point; the ship has the line's gear ratio.
+        The operating point is that of the first experiment. The vessel must have the gear ratio of the line.
     gauge
-        Shaft with the torque gauge, or disc ahead of it: "shaft 3" is the third one, if it has no name. None: no `tau_prop`.
+        Name of the shaft with the torque gauge, or of the disc ahead of the gauge. "shaft 3" is the third shaft
+        if it has no name. None: no `tau_prop`.
     std_pct
         Standard deviation of inertias and stiffness [%].
 
@@ -299,7 +298,7 @@ def with_parameters(vessel: Vessel, values: Mapping[str, float]) -> Vessel:
         raise InputError(
             f"found parameters {', '.join(unknown)}, expected some of {', '.join(sorted(PARAMETERS))}"
         )
-    # Torque, drag and the water's inertia depend weakly on each other; four iterations suffice.
+    # Torque, drag and the water's inertia depend weakly on each other, so four iterations suffice.
     for _ in range(4):
         vessel = vessel.replace(_changes(vessel, values))
     return vessel
@@ -316,7 +315,7 @@ PLACES: Mapping[str, str] = {
     "T_set": "governor.set_point_dead_time_s",
     "tau_act": "actuator.lag_s",
 }
-"""Key of the vessel file that a parameter is proportional to, or equal to."""
+"""Key of the vessel file to which a parameter is proportional or equal."""
 PARAMETERS = frozenset((*PLACES, "vK_p", "vK_i", "T_d", "tau_twist"))
 
 
@@ -339,14 +338,14 @@ def _changes(vessel: Vessel, values: Mapping[str, float]) -> dict[str, float]:
 
 
 SMALL = 0.01
-"""Size of a step, over the operating speed, for which a ship is nearly linear."""
+"""Size of a step, relative to the operating speed, for which a ship is nearly linear."""
 LEAD_S, DRAWS, ONE_DEVIATION = 1.0, 100, 0.6827
-"""Time before the step, half the number of ships whose responses make a band, and share of them within one deviation."""
+"""Time before the step [s], half the number of drawn ships, and share of the ships within one standard deviation."""
 
 
 @dataclass(frozen=True)
 class StepResponse:
-    """Response to a small set-point step at time 0, normalised by its size: time [s] (N,), mean and std (N,) by output."""
+    """Response to a small set-point step at 0 s, relative to the step: time [s] (N,), mean and std (N,) by output."""
 
     time: Array
     mean: Mapping[str, Array]
@@ -371,7 +370,8 @@ def response_with_deviation(
     structure
         Structure of the fingerprint; None rebuilds a linear one.
     draws
-        Draws of the fingerprint, whose scatter is the deviation; None: that of the covariance, cut at the bounds.
+        Draws of the fingerprint, whose scatter is the deviation. None draws from the covariance, cut at the
+        bounds.
 
     Returns
     -------
@@ -446,10 +446,8 @@ def deviation_of(
     seen: Callable[[Values], Array],
     draws: Draws | None = None,
 ) -> Array:
-    """Change of a model's response that 68 % of possible ships do not exceed.
-
-    Possible ships replace derivatives, since a torque jumps where a dead time ends, and a stiff shaft's simulation may fail.
-    """
+    """Change of a model's response that 68 % of drawn ships do not exceed."""
+    # Drawn ships replace derivatives: a torque jumps where a dead time ends, and a stiff shaft's simulation may fail.
     values, found = fingerprint.optimum, []
     here = seen(values)
     for moved in _by_covariance(fingerprint, structure) if draws is None else draws.of(dict):
@@ -459,10 +457,7 @@ def deviation_of(
 
 
 def _by_covariance(fingerprint: Fingerprint, structure: Structure) -> Iterator[dict[str, float]]:
-    """Yield parameters drawn from the covariance, cut at their bounds.
-
-    The covariance lacks a parameter that lies on a bound; such a parameter reaches to the end of its interval.
-    """
+    """Yield parameters drawn from the covariance, cut at their bounds."""
     values, names = dict(fingerprint.optimum), list(fingerprint.covariance["names"])
     matrix = np.array(fingerprint.covariance["matrix"], dtype=np.float64).reshape(len(names), len(names))
     random = np.random.default_rng(0)
@@ -470,6 +465,7 @@ def _by_covariance(fingerprint: Fingerprint, structure: Structure) -> Iterator[d
         np.zeros(len(names)), matrix, DRAWS, method="eigh", check_valid="ignore"
     )
     moves = dict(zip(names, np.concatenate([draws, -draws]).T, strict=True))
+    # The covariance lacks a parameter that lies on a bound; such a parameter reaches to the end of its interval.
     for name, estimate in fingerprint.parameters.items():
         if estimate.status == "at_bound" and estimate.ci95 is not None and name not in names:
             low, high = np.array(estimate.ci95) - values[name]

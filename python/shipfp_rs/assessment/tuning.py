@@ -36,14 +36,14 @@ SHARE = 0.95
 FACTORS = np.geomspace(0.2, 5.0, 11)
 """Tried factors on today's gains."""
 ON_THE_MAP, KEPT = 40, 6
-"""Number of draws for the map of all gains, and of the best gains that are tried on all draws."""
+"""Number of draws for the map of all gains, and number of the best gains that are tried on all draws."""
 SEARCHED_HZ = np.geomspace(1e-3, 1e2, 400)
 RATE_HZ, SHORT_S = 100.0, 1e-3
-"""Sample rate of the simulated steps [Hz]; lags and delays below which they are left out [s]."""
+"""Sample rate of the simulated steps [Hz], and time below which a lag or a delay is neglected [s]."""
 LONGER, LONGEST_S = 1.5, 40.0
-"""Duration of a step over the recovery time, and longest [s]."""
+"""Duration of a step relative to the recovery time, and longest duration [s]."""
 DOUBTED = (UNTESTED, LOAD_ONLY, NO_GAUGE, MISSED, TO_THE_METER, BENT, LIMITED)
-"""Verdicts by which the model of the loop is in doubt. Rough gains are no reason: draws have their errors."""
+"""Verdicts that put the model of the loop in doubt. Inaccurate gains do not, since the draws represent their errors."""
 UNITS = {
     "phase margin": "deg",
     "crossover": "of the known band",
@@ -64,20 +64,23 @@ class Tuning:
     proportional, integral
         Advised factors on today's proportional and integral gain.
     gains
-        Today's and advised gains, and the droop where there is one: name to (today, advised).
+        Today's and advised gains, and the droop if there is one, as (today, advised) by name.
     dials
-        The same for the dials that are told.
+        Today's and advised settings of the given dials, as (today, advised) by name.
     share, share_today
-        Share of the ships that the data allow which meet all limits, with advised and with today's gains.
+        Share of the possible ships (those compatible with the data) that meet all limits, with advised and with
+        today's gains.
     rise
         Factor by which both advised gains may rise together until fewer than 95 % of the ships meet the limits; the last
         tried factor if they never do.
     figures, figures_today
-        Figure to (median, value that 95 % of the ships keep to), with advised and with today's gains.
+        Median of each figure, and value that 95 % of the ships do not exceed (a phase margin: do not fall
+        below), with advised and with today's gains.
     limits
         Figure to limit.
     ultimate
-        Proportional gain vK_p and period [s] at which the loop would oscillate, with 95 % intervals; as in tuning by rules.
+        Proportional gain vK_p and period [s] at which the loop would oscillate, with 95 % intervals, for
+        comparison with tuning rules.
     factors, map
         Tried factors (F,), and for each (integral, proportional) the share of the ships that meet all limits, (F, F).
     """
@@ -107,8 +110,8 @@ class Steps:
     """Steps that are applied to every ship, and limits of the figures that follow from the steps.
 
     `set_step` and `load_step` are relative to the operating point. The speed has recovered when the relative deviation is
-    within `band`. `duration_s` is the duration of each step. Up to the frequency `band_hz` the ship is known. `limits` has a
-    limit by the name of each figure: for the phase margin the least value, for other figures the largest value.
+    within `band`. `duration_s` is the duration of each step. The ship is known up to the frequency `band_hz`.
+    `limits` has the least value of the phase margin, and the largest values of all other figures, by name.
     """
 
     set_step: float
@@ -192,15 +195,16 @@ def tune(
 ) -> Tuning:
     """Return gains of the governor that meet limits for at least 95 % of the ships that the data allow.
 
-    Each of these ships is put to a step of the set point and then of the load, in the nonlinear model with its limits and
-    delays. Of the gains that meet the limits, those with the least speed error after the load step are advised, a step of
-    the map away from its edge where there is room. The crossover must not rise above the band in which the fit compared
-    model and data, nor, if it is there today, any higher: nothing is known of the ship there.
+    The nonlinear model of each ship, with its limits and delays, simulates a step of the set point and then a
+    step of the load. The advised gains are those with the least speed error after the load step among the gains
+    that meet the limits; gains whose neighbours on the map meet them, too, are preferred. The crossover must not
+    rise above the band in which the fit compared model and data, or above today's crossover if that is higher:
+    the data do not describe the ship there.
 
     Parameters
     ----------
     fingerprint
-        Fingerprint of a ship whose model of the loop is not in doubt; gains may be known together only.
+        Fingerprint of a ship whose model of the loop is not in doubt; gains may be correlated.
     phase_margin_deg
         Least phase margin of the linear loop [deg].
     overshoot_pct
@@ -209,14 +213,17 @@ def tune(
         Largest dip of the speed after a step of the load, per cent of the operating speed, and longest time until the speed
         stays within `band_pct` of its new level; None: no limit.
     droop_pct
-        Droop to set: fall of the speed from no fuel torque to the operating torque, per cent of the speed; None: today's.
+        Droop of the advised setting: decrease of the speed from no fuel torque to the operating torque, per cent
+        of the speed; None: today's droop.
     load_step_pct, set_step_pct, band_pct
-        Steps, per cent of the operating torque and speed, and band of the recovered speed, per cent of the operating speed.
+        Steps of load and set point, per cent of the operating torque and speed, and band of the recovered speed,
+        per cent of the operating speed.
     draws, seed
         Number of ships, drawn from the fingerprint's likelihood, and the seed of the draw.
     dials
-        What the governor's dials show: "gain" (as GAIN of Woodward, or Gain of ComAp), "reset" (integral over proportional
-        gain, as RESET of Woodward, or Int of ComAp), "droop_pct", each in any unit; None: as the trial's [governor] says.
+        Present readings of the governor's dials: "gain" (as GAIN of Woodward, or Gain of ComAp), "reset"
+        (integral over proportional gain, as RESET of Woodward, or Int of ComAp), "droop_pct", each in any unit.
+        None takes them from the trial's [governor].
 
     Returns
     -------
@@ -226,7 +233,7 @@ def tune(
     Raises
     ------
     InputError
-        If the data leave the loop unknown, or no gains meet the limits.
+        If the data do not determine the loop, or no gains meet the limits.
 
     Notes
     -----
@@ -345,7 +352,7 @@ def _figures(
 
 
 def _best(shares: Array, errors: Array) -> list[tuple[int, int]]:
-    """Return the places of gains that meet the limits, inner ones first, each by the speed's error."""
+    """Return the indices of gains that meet the limits: those inside the region first, each group by the speed's error."""
     robust = shares >= SHARE
     inner = robust.copy()
     inner[1:] &= robust[:-1]
@@ -360,7 +367,7 @@ def _best(shares: Array, errors: Array) -> list[tuple[int, int]]:
 
 
 def _rise(shares: Array, place: tuple[int, int]) -> float:
-    """Return the factor on both gains at which the share falls below the least one; the last if it never does."""
+    """Return the factor on both gains at which the share falls below `SHARE`; the last tried factor if it never does."""
     row, column = place
     room = len(shares) - 1 - max(place)
     along = np.array([shares[row + step, column + step] for step in range(room + 1)])
@@ -376,7 +383,7 @@ def _rise(shares: Array, place: tuple[int, int]) -> float:
 def _gains(
     fingerprint: Fingerprint, proportional: float, integral: float, droop: float
 ) -> dict[str, tuple[float, float]]:
-    """Return today's and the advised gains of the best ship, by name, and its droop if there is one."""
+    """Return the best ship's gains, today's and advised, by name, and its droop if there is one."""
     known, factors = fingerprint.optimum, {"p": proportional, "d": proportional, "i": integral}
     names = [f"{v}K_{part}" for v in ("v", "") for part in "pid"]
     found = {name: (known[name], known[name] * factors[name[-1]]) for name in names if known.get(name, 0.0)}
@@ -385,7 +392,7 @@ def _gains(
 
 
 def _over(droop: float, today: float) -> float:
-    """Return the factor on a droop; NaN where there is none today."""
+    """Return the factor on a droop; NaN if there is no droop today."""
     return droop / today if today else float("nan")
 
 
@@ -398,7 +405,7 @@ def _dials(told: Mapping[str, float], **factors: float) -> dict[str, tuple[float
 
 
 def _told(figures: Array) -> dict[str, tuple[float, float]]:
-    """Return median and the value that 95 % of the ships keep to, of figures (S, 1, 6)."""
+    """Return each figure's median and the value that 95 % of the ships meet, from figures (S, 1, 6)."""
     found = {}
     for place, name in enumerate(FIGURES):
         row = figures[:, 0, place]

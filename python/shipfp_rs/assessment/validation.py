@@ -27,15 +27,15 @@ from shipfp_rs.support.threads import with_one_blas_thread
 LEAST_STEP = 0.05
 """Least change of the load within `AROUND_S` that counts as a step, relative to the operating torque."""
 AROUND_S, BEFORE_S, APART_S = 0.5, 1.0, 3.0
-"""Half the longest duration of a step, length of the stretches before and after a step whose means are its
-levels, and least time between two steps [s].
+"""Half the longest duration of a step, length of the stretches before and after a step (their means are the
+levels), and least time between two steps [s].
 """
 STILL = 2e-3
 """Largest motion of a set point that counts as constant, relative to the operating speed."""
 STEADY = 0.15
 """Largest standard deviation of the load before and after a step, relative to the step; a larger one is an oscillation."""
 MOST_POINTS = 10_000
-"""Most samples of a prediction at which the deviations of the parameters are computed."""
+"""Largest number of samples of a prediction at which the effect of the parameters' deviations is computed."""
 BAND_PCT = 2.0
 """Band about the speed before a step within which the speed has recovered [%]."""
 
@@ -162,7 +162,7 @@ def held_out(
 ) -> HeldOut:
     """Predict an experiment that was not fitted, with a 95 % band, and score the prediction.
 
-    The band has the deviations of the parameters and those of the residuals of the fitted experiments.
+    The band combines the deviations of the parameters with those of the residuals of the fitted experiments.
 
     Parameters
     ----------
@@ -171,12 +171,13 @@ def held_out(
     experiment, structure
         See `validate`.
     draws
-        Draws of the fingerprint, whose scatter is the parameters' deviation; None: that of the covariance.
+        Draws of the fingerprint, whose scatter is the parameters' deviation. None draws from the covariance.
 
     Returns
     -------
     HeldOut
-        Its `score` has "nrmse_pct" as of `validate`, and "inside_pct", the share of samples in the band [%], by output.
+        For each output its `score` has "nrmse_pct", as from `validate`, and "inside_pct", the share of samples
+        in the band [%].
 
     Raises
     ------

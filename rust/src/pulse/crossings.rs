@@ -49,7 +49,7 @@ impl PulseCrossings {
         let previous = self.cursor.previous;
         let last = self.cursor.seen.wrapping_sub(1);
         if previous < self.levels.middle_at(last) && previous >= levels.middle_at(last) {
-            // The new middle is below the last sample and the old one was above it: the crossing is at that sample.
+            // The last sample is below the old middle but not below the new one, so the crossing is at this sample.
             self.cursor.pending = Edge { time: last as f64, rise: f64::INFINITY };
         }
         self.levels = levels;
@@ -67,8 +67,8 @@ impl PulseCrossings {
         self.cursor.seen
     }
 
-    /// Stretches of missing samples, each from its first to one past its last; an open one ends at [`Self::seen`]. If there
-    /// are more than 65,536, the nearest are merged.
+    /// Stretches of missing samples, each from its first to one past its last. A stretch that is not over yet ends at
+    /// [`Self::seen`]. If there are more than 65,536, the nearest are merged.
     pub fn gaps(&self) -> impl Iterator<Item = (u64, u64)> {
         let open = self.cursor.gap_start.map(|start| (start, self.cursor.seen));
         self.gaps.spans().chain(open)
@@ -96,8 +96,8 @@ impl PulseCrossings {
         Ok(self.taken(found))
     }
 
-    /// As [`Self::edges`] for a chunk without gaps whose crossings are `known` if the detector is armed (or not) as in
-    /// `before`. None if this detector is not in the state `before`: the chunk must then be searched.
+    /// Return the crossings as [`Self::edges`] does, for a chunk without gaps. `known` holds them for a detector whose
+    /// armed state is `before`. None if this detector's state differs: the chunk must then be searched.
     pub(super) fn timed<T: Sample>(
         &mut self,
         chunk: &[T],

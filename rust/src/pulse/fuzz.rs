@@ -178,7 +178,7 @@ fn execute<T: Any>(draw: &mut Draw, tally: &mut Tally) {
         if draw.below(8) == 0 {
             levels = draw.levels();
             let [low, high, middle] = levels;
-            // At most half the distance to a threshold at the end of the train.
+            // By the end of the train the middle moves at most half the distance to a threshold.
             let [down, up] = [low, high].map(|end| (0.5 * end - 0.5 * middle) / (rest.len() + 1) as f64);
             let slope = [0.0, down, up, up * draw.unit()][draw.below(4)];
             let line = Levels { low, high, middle, slope, origin: reference.seen };
@@ -225,7 +225,7 @@ fn execute<T: Any>(draw: &mut Draw, tally: &mut Tally) {
     tally.gaps += gaps.len();
 }
 
-/// Windows of any length: ordered crossings within the record, as many heights and deviations, and the same gaps.
+/// Windows of any length give ordered crossings within the record, as many heights and deviations, and the same gaps.
 fn track<T: Any>(train: &[T], draw: &mut Draw) {
     let given = |draw: &mut Draw, value: f64| (draw.below(4) == 0).then_some(value);
     let [low, high, middle] = draw.levels();

@@ -3,8 +3,8 @@
 use super::swings::{BLOCK, Level};
 use super::thresholds::Edge;
 
-/// Time for which a level applies before and after its nine pulses, as a share of their span: up to three turning points
-/// at the end of a train do not form a group.
+/// Time for which a level applies before and after its nine pulses, as a share of their span. It covers the end of a
+/// train, where up to three turning points do not form a group.
 const REACH: f64 = 0.375;
 /// Ratio of the heights of successive levels below which the height is interpolated between them.
 pub const STEADY: f64 = 2.0;
@@ -25,14 +25,14 @@ pub fn heights_along(edges: &[Edge], known: &[Level]) -> Vec<f64> {
                 let beside = REACH * (level.span.1 - level.span.0) as f64 + BLOCK as f64;
                 edge.time >= level.span.0 as f64 - beside && edge.time <= level.span.1 as f64 + beside
             };
-            // At or past a level's centre, except for the first.
+            // The edge is at or past the centre of level `at`, or before the first level.
             let near = &known[at.saturating_sub(1)..(at + 2).min(known.len())];
             if near.iter().any(told) { height_at(edge.time, known, at) } else { 0.0 }
         })
         .collect()
 }
 
-/// Height at a time past the centre of level `at`, except for times before the first.
+/// Height at a time at or past the centre of level `at`, or before the first level.
 fn height_at(time: f64, known: &[Level], at: usize) -> f64 {
     let here = &known[at];
     let between = time >= here.centre as f64 && at + 1 < known.len();

@@ -7,8 +7,8 @@ use crate::stop::Stop;
 
 /// Number of neighbouring intervals whose mean length is the expected length of an interval.
 const AROUND: usize = 33;
-/// Least remaining share of the variance from sampling: it is never certain that exactly a whole number of samples is
-/// between two pulses.
+/// Least share of the sampling variance that remains: it is never certain that two pulses are exactly a whole number of
+/// samples apart.
 const LEAST_APART: f64 = 0.05;
 /// Standard deviation [samples] above which an edge counts as a step, not as a slope.
 const STEP: f64 = 0.2;

@@ -13,7 +13,7 @@ use super::thresholds::{Edge, Levels};
 use crate::error::Result;
 use crate::stop::Stop;
 
-/// Samples of a part (a fraction of a window), and least number of parts in a window; each part must have at least two
+/// Number of samples in a part of a window, and least number of parts in a window. Each part must have at least two
 /// pulses.
 const PART: usize = 1024;
 const LEAST_PARTS: usize = 8;
@@ -215,7 +215,7 @@ fn pass<T: Sample>(
     true
 }
 
-/// The last upward crossing of the middle at or before sample `index` of a window that has a lower sample before it.
+/// Last upward crossing of the middle at or before sample `index`; an earlier sample of the window is below the middle.
 #[allow(clippy::inline_always)]
 #[inline(always)]
 fn crossing<T: Sample>(window: &[T], index: usize, origin: u64, middle: f64) -> Edge {

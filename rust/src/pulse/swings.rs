@@ -15,7 +15,7 @@ const CLEAR: f64 = 10.0;
 /// Least swing as a share of the usual range of a block, if every block has a whole pulse and noise can't be measured.
 /// Swings below this share of the largest nearby swing are ringing or noise on that swing.
 const SHARE: f64 = 0.35;
-/// Number of blocks of which one may be disturbed; in a slow train, only few of the remaining blocks have pulses.
+/// One block in this many may be disturbed. In a slow train, only few of the other blocks have pulses.
 const DISTURBED: usize = 500;
 /// Least swing without noise, as a share of the range.
 const RIPPLE: f64 = 0.01;
@@ -25,7 +25,7 @@ const NEAR: usize = 8;
 const GROUP: usize = 18;
 /// Fewest turning points of a group.
 const LEAST: usize = 4;
-/// Time after which a group ends, over the usual time between two turning points.
+/// Time without a turning point after which a group ends, relative to the usual time between two turning points.
 const SILENCE: f64 = 8.0;
 
 /// Least and greatest usable sample of each block of 32, the last of which may be shorter; least above greatest if no sample

@@ -6,8 +6,8 @@ use super::thresholds::Edge;
 
 /// Crossings that are processed together.
 const TOGETHER: usize = 64;
-/// Pairs of the rise between the two samples around a crossing, as a share of the train's height, and the error of linear
-/// interpolation [samples]: 1 / sqrt(12) for steps, averaged over sample positions for ramps and sines.
+/// Error of linear interpolation [samples] for each rise between the two samples around a crossing, as a share of the
+/// train's height. It is 1 / sqrt(12) for steps, and an average over sample positions for ramps and sines.
 const GRID: [(f64, f64); 20] = [
     (0.0, 0.0),
     (0.156, 0.0011),
@@ -30,8 +30,8 @@ const GRID: [(f64, f64); 20] = [
     (0.938, 0.2298),
     (1.0, 0.2887),
 ];
-/// With noise, an edge crosses the level several times, and the last crossing counts. Pairs of the noise over the rise
-/// per sample, and the factor of the last crossing's standard deviation; from simulations.
+/// With noise, an edge crosses the level several times, and the last crossing counts. Pairs: the noise over the rise per
+/// sample, and the factor on the standard deviation of the last crossing, from simulations.
 const LAST: [(f64, f64); 9] = [
     (0.3, 1.0),
     (0.5, 0.982),
@@ -47,7 +47,7 @@ const LAST: [(f64, f64); 9] = [
 const BETWEEN: f64 = 2.0 / 3.0;
 /// Samples per pulse below which noise is measured away from the train's frequency.
 const DENSE: f64 = 10.0;
-/// Rise of an edge between two samples, in standard deviations of the noise, above which the slope is computed from it.
+/// Rise of an edge between two samples, in standard deviations of the noise, above which this rise gives the slope.
 const STEEP: f64 = 4.0;
 /// Rise as a share of the height above which an edge is a step; noise does not affect the time at which a step crosses.
 const STEP: f64 = 0.95;

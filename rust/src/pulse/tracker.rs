@@ -16,14 +16,14 @@ use crate::stop::Stop;
 
 /// Distance between the thresholds as a share of the distance between the levels.
 const HYSTERESIS: f64 = 0.4;
-/// Largest such share, for large noise; with a larger share, pulses with few samples would not reach the thresholds.
+/// Largest share for large noise; with a larger one, pulses of few samples would not reach the thresholds.
 const WIDEST: f64 = 0.6;
 /// Distance between the thresholds, in standard deviations of the noise, at which noise alone never crosses both.
 const BRIDGED: f64 = 8.4;
 /// Height of a pulse, in standard deviations of the noise, above which it can't be noise: `BRIDGED / WIDEST`.
 const LIMIT: f64 = 14.0;
-/// Largest changes for which the previous levels are kept: of the middle over the noise, and of the height over the
-/// height.
+/// Largest changes for which the previous levels are kept: change of the middle relative to the noise, and relative
+/// change of the height.
 const SAME_MIDDLE: f64 = 0.5;
 const SAME_HEIGHT: f64 = 0.05;
 /// Number of stretches whose noise is averaged, and least number of them that each window contributes.
@@ -203,7 +203,7 @@ impl PulseTracker {
         let pieces = self.along(&known, first, end);
         let mut pulses = Pulses { limit: LIMIT * window.noise, ..Pulses::default() };
         if pieces.is_empty() {
-            // Levels of such a window are not needed, only its gaps.
+            // A window without levels has no crossings; only its gaps are recorded.
             self.detector.set_levels(-1.0, 1.0, 0.0)?;
             self.detector.edges(samples, stop)?;
             self.detector.disarm();

@@ -61,7 +61,8 @@ impl Reader {
 }
 
 impl DeadTime {
-    /// A delay [s], with a share `hold` due to a hold, in steps of `h`; before the start the command is `still`.
+    /// A delay [s] in steps of `h`; `hold` is the share of the delay that is due to a hold. Before the start the command
+    /// is `still`.
     pub fn new(delay: f64, hold: Option<f64>, h: f64, still: f64) -> Self {
         let apart = hold.map(|share| delay * share * (1.0 / 3.0_f64.sqrt()));
         let reader = Reader::new(apart.map_or(delay, |apart| delay + apart), h, still);

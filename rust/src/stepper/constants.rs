@@ -8,14 +8,14 @@ pub struct Constants {
     pub inverse_tau: f64,
     /// Step over `tau_n`.
     pub step_over_tau: f64,
-    /// Slope of the torque that follows the speed at once, and of that behind the engine's lag.
+    /// Slope of the torque over the speed: the part that acts at once, and the part behind the engine's lag.
     pub g: f64,
     pub late_g: f64,
     pub v: f64,
     pub k_p: f64,
     pub k_i: f64,
     pub k_d: f64,
-    /// Decrease of the set point over the command. The gains are those with the droop of the command itself.
+    /// Decrease of the set point over the command. The gains `k_p`, `k_i` and `k_d` are divided by 1 + `droop` `K_p`.
     pub droop: f64,
     pub tau_prop: f64,
     pub load_gain: f64,

@@ -208,8 +208,9 @@ impl Detail {
         if self.drag == 0.0 { 0.0 } else { self.drag * power(speed, self.drag_exponent) }
     }
 
-    /// Torque on the engine's side minus drag at both ends of a step, from the commanded torques. The ends are corrected:
-    /// a linear course between them has the mean of the true curved course. `stairs`: the command jumps within the step.
+    /// Torque on the engine's side minus drag at both ends of a step, from the commanded torques. The ends are corrected
+    /// so that a straight line between them has the mean of the true curve. With `stairs` the command jumps within the
+    /// step.
     #[inline(always)]
     pub(super) fn drive(
         &mut self,
@@ -247,7 +248,7 @@ impl Detail {
     }
 }
 
-/// Ends of a linear course with the mean of a parabola through the step's ends; the parabola follows from the change over
+/// Ends of a straight line with the mean of a parabola through the step's ends; the parabola follows from the change over
 /// the previous step.
 #[inline(always)]
 fn bent([from, to]: [f64; 2], growth: &mut f64) -> [f64; 2] {

@@ -7,7 +7,7 @@ use crate::error::{Result, require};
 /// Equally spaced firings.
 #[derive(Debug, Clone)]
 pub struct Firing {
-    /// Angle between firings, and of a stroke [rev of the engine].
+    /// Angle between two firings, and angle of a stroke [rev of the engine].
     interval: f64,
     width: f64,
     engine_hz: f64,
@@ -19,7 +19,7 @@ pub struct Firing {
     /// Number of the latest firing, zero at the first sample, and its cylinder.
     count: f64,
     latest: usize,
-    /// For each cylinder, mean torque of its last fuel times its strength, and the burnt share.
+    /// For each cylinder, the mean torque of its last fuel times its strength, and the share of this fuel that is burnt.
     fuelled: Vec<f64>,
     spent: Vec<f64>,
     /// Torque at the step's end, and its mean over the step.

@@ -54,7 +54,7 @@ impl<'a> Input<'a> {
             let end = self.straight((at + 1) as f64 * self.share - self.late);
             return Span { start: last, end, mean: (last + end) * 0.5 };
         }
-        // Stepwise: a jump inside the step affects only its mean.
+        // In a stepwise input, a jump inside the step affects only the step's mean.
         let from = at as f64 * self.share - self.late;
         let (edge, to) = (from.ceil(), from + self.share);
         let (before, after) = (self.sample(edge - 1.0), self.sample(edge));

@@ -48,7 +48,7 @@ impl Late {
         }
     }
 
-    /// An output, delayed as by its sensor.
+    /// An output with the delay of its sensor.
     #[inline(always)]
     pub fn read(&self, channel: usize) -> f64 {
         let (whole, part) = self.channels[channel];

@@ -21,7 +21,7 @@ pub struct Law {
     place: f64,
     inverse: f64,
     reach: f64,
-    /// Coefficients of (1 + x)^p; the same times the value at the point; and the coefficients of the slope.
+    /// Coefficients of (1 + x)^p, these coefficients times the value at the point, and the coefficients of the slope.
     binomial: [f64; TERMS],
     value: [f64; TERMS],
     slope: [f64; TERMS],

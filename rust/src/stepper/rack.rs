@@ -27,7 +27,7 @@ impl<const D: bool> Ship<'_, D> {
         if !self.winds_up {
             let error = self.set_span.mean - self.speed;
             self.sum = self.sum + error * self.h - rise * (0.5 * self.h);
-            // The integral of the filtered speed is that of the speed, less what the filter holds back.
+            // The integral of the filtered speed is that of the speed minus `T_f` times the filtered speed's change.
             self.sum += self.c.filter.time * (seen - self.filtered);
         }
         let mut command = self.c.k_p * (self.set_span.end - seen) + self.c.k_i * self.sum;
@@ -51,7 +51,8 @@ impl<const D: bool> Ship<'_, D> {
         self.limited(found)
     }
 
-    /// Integral that the droop takes over a step whose command rises linearly to `command`, but for what the droop takes.
+    /// Decrease of the error's integral by the droop over a step. Without this decrease the command rises linearly to
+    /// `command`.
     #[inline(always)]
     fn drooped(&self, command: f64) -> f64 {
         let ended = if self.acting.derivative {

@@ -27,7 +27,7 @@ const STEPS_BETWEEN_CHECKS: usize = 1024;
 pub struct Run<'a> {
     /// Set point over the operating point's speed.
     pub set: &'a [f64],
-    /// Deviation of the measured load torque; empty without one.
+    /// Deviation of the measured load torque; empty if no load is measured.
     pub load: &'a [f64],
     /// Sample time [s].
     pub dt: f64,
@@ -74,7 +74,7 @@ impl<'a> Run<'a> {
         Self { envelope: (!envelope.is_unlimited()).then_some(envelope), ..self }
     }
 
-    /// Check that there is a single upper limit.
+    /// Check that the torque has at most one upper limit.
     ///
     /// # Errors
     /// [`Error::Invalid`] for both an envelope and `M_max`.

@@ -28,7 +28,7 @@ pub struct Twist {
 }
 
 impl Twist {
-    /// None for a stiff shaft; initial speed and spring torque.
+    /// A shaft with an initial speed and spring torque; None if it is stiff.
     pub fn new(parameters: &Parameters, h: f64, [speed, spring]: [f64; 2]) -> Option<Self> {
         (parameters.of(at::TAU_TWIST) > 0.0).then(|| {
             let [tau, prop, twist, zeta] =

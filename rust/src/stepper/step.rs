@@ -57,7 +57,8 @@ pub struct Ship<'a, const D: bool> {
     pub(super) filtered: f64,
     pub(super) sum: f64,
     pub(super) rack: f64,
-    /// Rack whose torque the engine gives: behind the engine's lag, its slope included.
+    /// Rack that corresponds to the engine's present torque: behind the engine's lag, including the slope behind this
+    /// lag.
     pub(super) burnt: f64,
     /// Rack before an input jumps.
     pub(super) lagged: f64,
@@ -139,7 +140,7 @@ impl<'a, const D: bool> Ship<'a, D> {
         ship
     }
 
-    /// Set the state before a record; if the initial values allow it, steady at the first sample.
+    /// Set the state before a record. It is steady at the first sample if the initial values allow it.
     fn rest(&mut self, parameters: &Parameters) {
         let against = self.law_with_load(self.load_span.start);
         let excess = if D { against * 0.0 } else { self.engine(self.speed, self.burnt).0 - against };
@@ -214,7 +215,7 @@ impl<'a, const D: bool> Ship<'a, D> {
         }
     }
 
-    /// Immediate effect of jumps of the inputs.
+    /// Apply the immediate effect of jumps of the inputs.
     #[inline(always)]
     fn jump(&mut self) {
         let against = match &self.twist {
@@ -290,7 +291,8 @@ impl<'a, const D: bool> Ship<'a, D> {
         self.begin();
     }
 
-    /// Rack whose torque the engine gives at the step's end, and its mean; the rack itself moves to the step's end.
+    /// Rack that corresponds to the engine's torque at the step's end, and its mean. The rack itself moves to the step's
+    /// end.
     #[inline(always)]
     pub(super) fn driven(&mut self, ahead: &Ahead) -> [f64; 2] {
         let [rack, mean] = if self.clock.is_some() { self.clocked() } else { self.fed(ahead) };
@@ -401,7 +403,7 @@ impl<'a, const D: bool> Ship<'a, D> {
         self.c.filter.over(self.filtered, end, mean)
     }
 
-    /// The same within a step, `since` seconds after its beginning.
+    /// Speed that the governor sees within a step, `since` seconds after the step's beginning.
     #[inline(always)]
     pub(super) fn seen_within(&self, speed: f64, since: f64) -> f64 {
         if !self.acting.filter || since <= 0.0 {

@@ -10,12 +10,15 @@ use super::clock;
 use super::dual::Dual;
 
 named_places! {
-    /// Names of the parameters: `T_s` sampling period of the governor, half of which is part of `T_d`; `u_0` set-point offset, `s_M` and `m_0` scale and offset of the torque, `x_0` offset of rack
-    /// or fuel, `T_B` and `s_B` delay and scale of the brake's torque measured besides a gauge's;
-    /// `T_f` time constant of the filter of the measured speed in the governor; `tau_eng` lag of the engine's torque behind
-    /// fuel and slope (turbocharger, fuel film);
-    /// `t_1` reference of the inertia ahead of the gauge, a constant of the fit, or 0; `droop` the set point's decrease over
-    /// the fuel's torque.
+    /// Names of the parameters:
+    /// - `T_s`: sampling period of the governor, half of which is part of `T_d`;
+    /// - `u_0`: set-point offset; `x_0`: offset of rack or fuel;
+    /// - `s_M`, `m_0`: scale and offset of the torque;
+    /// - `T_B`, `s_B`: delay and scale of the brake's torque that is measured in addition to a gauge's;
+    /// - `T_f`: time constant of the filter of the measured speed in the governor;
+    /// - `tau_eng`: lag of the engine's torque behind fuel and slope (turbocharger, fuel film);
+    /// - `t_1`: reference of the inertia ahead of the gauge, a constant of the fit, or 0;
+    /// - `droop`: decrease of the set point over the fuel's torque.
     PARAMETERS:
     TAU_N "tau_n",
     G "g",
@@ -55,8 +58,8 @@ pub const SIGNALS: [&str; 8] = ["N", "M", "X", "load", "N2", "N3", "one", "M_b"]
 /// Number of orders of the taper: the taper itself and its first derivatives.
 pub const ORDERS: usize = 4;
 
-/// Signals of the equations: those of a record, then delayed ones; "apart" signals contain sinh instead of cosh of half
-/// the distance between a hold's two commands.
+/// Signals of the equations: those of a record, then delayed ones. A hold multiplies the `LATE` signals by cosh and the
+/// `APART` signals by sinh of s times half the time between the hold's two commands.
 pub mod signal {
     crate::places::places! {
         N, M, X, LOAD, N2, N3, ONE, M_B,
@@ -267,8 +270,8 @@ fn written(values: &[f64; COUNT], [torque, rack, both]: [bool; 3], setup: Setup)
     let damped = poly(&[one, q(at::ZETA_TWIST) * q(at::TAU_TWIST)]);
     let twist = poly(&[zero, q(at::TAU_TWIST)]);
 
-    // The shaft turns the engine's end ahead of the propeller's: `damped` (n_e - n_s) = `twist` M_g. If the propeller's speed
-    // is measured, the engine's speed times `on_engine` is `damped` n_s + `wound` M.
+    // The shaft's twist turns its engine end ahead of its propeller end: `damped` (n_e - n_s) = `twist` M_g. If the
+    // propeller's speed is measured, the engine's speed times `on_engine` is `damped` n_s + `wound` M.
     let turned = if gauge { damped.clone() } else { damped.clone().plus(&inertia.times(&twist), 1.0) };
     let (on_engine, wound) =
         if propeller { (turned.clone(), twist.clone()) } else { (poly(&[one]), poly(&[zero])) };
@@ -296,7 +299,7 @@ fn written(values: &[f64; COUNT], [torque, rack, both]: [bool; 3], setup: Setup)
     between.add(signal::M_B, &on_engine);
     between.add(signal::M, &on_engine.clone().plus(&inertia.times(&wound), 1.0).negative());
     between.add(signal::N, &inertia.times(&seen).negative());
-    // Turbocharger or fuel film lag behind fuel and slope alike.
+    // The lag of a turbocharger or a fuel film acts on the torques of fuel and slope alike.
     let charged = poly(&[one, q(at::TAU_ENG)]);
     let slowed = if gauge { inertia.times(&charged) } else { poly(&[zero]) }.plus(&poly(&[q(at::G)]), -1.0);
     engine.add(signal::M, &on_engine.times(&charged).plus(&slowed.times(&wound), 1.0));
@@ -322,7 +325,7 @@ fn written(values: &[f64; COUNT], [torque, rack, both]: [bool; 3], setup: Setup)
         if propeller {
             fed.add(signal::LATE_M, &wound.times(&asked));
         }
-        // The set point falls by the command that the governor itself gives.
+        // The droop lowers the set point in proportion to the governor's own command.
         let droop = q(at::DROOP);
         poly(&[droop * q(at::VK_I), droop * q(at::VK_P) + 1.0]).times(&lag).times(&filter)
     };
@@ -370,7 +373,7 @@ fn rippled(values: &[f64; COUNT]) -> Polynomial {
     fuel.times(&Polynomial(vec![sees, sees * lag]))
 }
 
-/// Terms of the derivative by a parameter: by coefficients, and by delays and scales of signals.
+/// Terms of the derivative by a parameter, which acts on coefficients and on delays and scales of signals.
 fn slope_terms(equations: &[Equation], terms: &[Term], values: &[f64; COUNT], by: usize) -> Vec<Term> {
     let mut found: Vec<Term> = Vec::new();
     let mut add = |equation: usize, signal: usize, coefficients: [f64; DEGREES]| {

@@ -19,7 +19,7 @@ pub type Square<S, const O: usize> = [[Complex<S>; O]; O];
 
 /// Consumer of residual and derivatives (the rows) of each block of neighbouring frequencies.
 pub trait Sink {
-    /// Weights of the rows, from `outputs`, the matrix from equations to outputs; `place` is the index of a SIMD vector
+    /// Weights of the rows. `outputs` is the matrix from equations to outputs; `place` is the index of a SIMD vector
     /// of frequencies.
     fn weigh<S: Simd, const O: usize>(&self, simd: S, place: usize, outputs: Square<S, O>) -> Square<S, O>;
     /// Process the rows of the block that starts at frequency `first`: `1 + W` columns of [outputs, 2, BLOCK], zero-padded

@@ -1,5 +1,6 @@
 //! Stability of the loop about the operating point, by the encirclements of its return difference (Nyquist 1932,
-//! doi:10.1002/j.1538-7305.1932.tb02344.x): the closed form has a finite cost even for an unstable loop.
+//! doi:10.1002/j.1538-7305.1932.tb02344.x). The test is needed because the closed form has a finite cost even for an
+//! unstable loop.
 
 use super::equations::{COUNT, HALF_APART, at};
 
@@ -97,7 +98,7 @@ impl Shaft {
         Self { speed, torque, resonance: [swings, near, decay.abs().max(1e-4 * swings)] }
     }
 
-    /// Number of unstable poles, by Routh.
+    /// Number of unstable poles, by Routh's criterion.
     fn poles(&self) -> i32 {
         let degree = self.torque.iter().rposition(|c| *c != 0.0).unwrap_or(0);
         let every_other =
@@ -126,7 +127,7 @@ pub fn is_stable(q: &[f64; COUNT], open_loop: bool) -> bool {
     if open_loop {
         return q[at::P] + q[at::DAMPING] - q[at::G] > 0.0 && Shaft::new(q, 0.0).poles() == 0;
     }
-    // With a droop the command is the integral's, faded at the rate `fade`, and the gains are smaller.
+    // With a droop the governor's integral decays at the rate `fade`, and the gains are smaller.
     let less = 1.0 / (1.0 + q[at::DROOP] * q[at::VK_P]);
     let (kp, ki, kd) = (q[at::VK_P] * less, q[at::VK_I] * less, q[at::VK_D] * less);
     let fade = q[at::DROOP] * ki;
@@ -242,8 +243,8 @@ mod tests {
     }
 
     proptest! {
-        /// Hurwitz's rule for a plant of one pole with a PI governor: own + `K_p` > 0, `K_i` > 0, with the plant's slope
-        /// `own`.
+        /// Hurwitz's criterion for a first-order plant with a PI governor: own + `K_p` > 0, `K_i` > 0, with the plant's
+        /// slope `own`.
         #[test]
         fn a_rigid_loop_goes_by_hurwitz(own in -5.0..5.0_f64, kp in 0.01..10.0_f64, ki in 0.01..10.0, tau in 0.1..10.0) {
             prop_assume!((own + kp).abs() > 0.02);
