@@ -1,4 +1,4 @@
-"""Design of a trial: the most informative set point within limits, the expected accuracy, and the time needed."""
+"""Design of a trial: the most informative set point within limits, its expected accuracy, and the time needed."""
 
 from __future__ import annotations
 
@@ -84,10 +84,10 @@ def design(
     duration_s
         Duration of the whole time series [s]; None: as long as `accuracy_pct` requires.
     accuracy_pct
-        Largest relative standard deviation of each of `parameters` [%].
+        Accuracy to reach: largest relative standard deviation of each of `parameters` [%].
     parameters
-        Names of parameters or combinations for `accuracy_pct`; None: all that the response to small deviations
-        determines.
+        Names of parameters or combinations that must reach `accuracy_pct`; None: all that the response to small
+        deviations determines.
     kind
         "sines" (in sequence), "squares" (square waves in sequence, the most informative for a given amplitude, if sudden
         changes are permitted), "multisine" (simultaneous sines with a low crest factor), "chirp" (over the most
@@ -105,7 +105,7 @@ def design(
     rate_rpm_s
         Largest rate of change of the set point [rpm/s]; None: unlimited.
     avoid_hz
-        Bands (low, high) around resonances [Hz].
+        Bands (low, high) around resonances [Hz], which the set point does not excite.
     lowest_hz, highest_hz
         Lowest and highest frequency of the set point [Hz]; None: two periods in the available time, and 5 Hz.
     longest_samples
@@ -115,7 +115,7 @@ def design(
     settle_s
         Time at the operating point before, between and after the waveform's parts [s].
     draws
-        Draws of the earlier fingerprint; the plan then tells the accuracy for the first 30 of these ships, too.
+        Draws of the earlier fingerprint; the plan then also gives the accuracy for the first 30 of these ships.
 
     Returns
     -------
@@ -174,7 +174,7 @@ def design(
     if generator is None and subject.vessel is not None and subject.vessel.set_point is not None:
         generator = Generator(subject.vessel.set_point.calibration)
     if generator is not None:
-        # Checked first: the generator must reach the largest deviations.
+        # Raises an error if the generator can't reach the largest deviations.
         generator.volts(set_point + limits.amplitude_rpm * np.array([-1.0, 1.0]))
 
     def made(duration: float) -> Plan:
@@ -278,7 +278,7 @@ def _notes(
 
 
 def _torque_limit(subject: Subject, prediction: Prediction) -> str:
-    """Note if the linear response exceeds the engine's torque envelope; else empty."""
+    """Warning if the linear response exceeds the engine's torque envelope; else empty."""
     vessel = subject.vessel
     if vessel is None or "g" not in subject.values or not len(vessel.envelope()[0]):
         return ""
@@ -330,8 +330,7 @@ def _long_enough(
             best = plan if best is None or plan.excitation.duration < best.excitation.duration else best
             if plan.needed.duration_s > 0.9 * duration or duration <= shortest_s:
                 break
-        # Settling time adds no information, so an estimate proportional to the duration is slightly too short or too
-        # long.
+        # The estimate assumes that information grows with the duration; settling time adds none, so it is not exact.
         duration = max(1.03 * plan.needed.duration_s, shortest_s)
         if duration > LONGEST_S:
             time = f"about {duration / 3600.0:.3g} h" if math.isfinite(duration) else "for ever"

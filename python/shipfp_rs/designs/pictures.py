@@ -23,7 +23,7 @@ def figure(
     set_point_rpm: float,
     title: str,
 ) -> Figure:
-    """Draw the set point [rpm] over time [s], the amplitude of its Fourier lines [rpm], and the optimal shares."""
+    """Draw the set point [rpm] over time [s], and the amplitudes of its Fourier lines [rpm] with the optimal shares."""
     from matplotlib.figure import Figure
 
     made = Figure(figsize=(9.0, 6.0), layout="constrained")

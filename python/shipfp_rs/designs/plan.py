@@ -34,16 +34,16 @@ FILES = (
 
 @dataclass(frozen=True)
 class Needed:
-    """Time needed for all named standard deviations to be within `accuracy_pct` of their values.
-
-    `duration_s` is estimated from the plan and a plan twice as long; infinite if errors of the gauges alone exceed the
-    accuracy.
-    """
+    """Duration that a trial needs for an accuracy, estimated from a plan and a plan twice as long."""
 
     accuracy_pct: float
+    """Largest relative standard deviation of every parameter asked for [%]."""
     duration_s: float
+    """Needed duration [s]; infinite if errors of the gauges alone exceed the accuracy."""
     limited_by: str
+    """Parameter that needs this duration."""
     met: bool
+    """Whether the plan reaches the accuracy."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -61,13 +61,13 @@ class Plan(Brief):
     spectrum
         Frequency [Hz] and share of time or power of each line of the optimal design.
     efficiency
-        Lower bound on the efficiency of the shares [-], by the equivalence theorem.
+        Lower bound on the efficiency of the shares [-], from the equivalence theorem.
     designed_for
         Names of the parameters for which the lines are chosen: all that the response to small deviations determines.
     prediction
-        Standard deviations, and undetermined parameters.
+        Expected standard deviations, and undetermined parameters.
     needed
-        Time needed for the target accuracy, if one was given.
+        Time needed for the accuracy asked for, if any.
     sheet
         The crew's run sheet.
     set_point_rpm
@@ -77,7 +77,7 @@ class Plan(Brief):
     limits, generator
         Arguments of `design`.
     notes
-        Information for the user, in sentences.
+        Remarks for the user, in sentences.
     spread
         Median and 95 % quantile, over the drawn ships, of each quantity's relative standard deviation [%]; empty without
         draws.
@@ -213,11 +213,8 @@ def needed_for(
     names: tuple[str, ...],
     duration_s: float,
 ) -> Needed:
-    """Time for an accuracy of all `names`, from the standard deviations [%] after a duration and after twice that.
-
-    A variance is the sum of a term inversely proportional to the duration and a constant term from errors of gauges and
-    calibration.
-    """
+    """Time for an accuracy of all `names`, from their standard deviations [%] after `duration_s` and after twice that."""
+    # A variance has a term inversely proportional to the duration and a constant term, from errors of gauges.
     limiting = max(names, key=lambda name: now[name])
     first, second = now[limiting] ** 2, later.get(limiting, now[limiting]) ** 2
     falling = 2.0 * max(first - second, 0.0) * duration_s
@@ -234,7 +231,7 @@ LEAST_REST_S = 1.0
 
 @dataclass(frozen=True)
 class Stretch:
-    """One line of the run sheet; amplitudes are half of peak to peak, None if the quantity is not an output."""
+    """Line of the run sheet. Amplitudes are half of peak to peak, None for a quantity that is not an output."""
 
     start_s: float
     stop_s: float
@@ -281,7 +278,7 @@ def _stretch(segment: Segment, excitation: Excitation, expected: Experiment) -> 
         round(segment.start_s * rate), max(round(segment.stop_s * rate), round(segment.start_s * rate) + 1)
     )
     torque = next((name for name in TORQUES if name in expected.signals), None)
-    # A shaft's speed is converted to rpm of the engine, as for the set point.
+    # The speed of the shaft is converted to rpm of the engine, the unit of the set point.
     speed = next((name for name in expected.signals if name in ("n_e", "n_s")), None)
     in_rpm = 1.0
     if speed is not None and UNITS[speed] != "rpm":

@@ -18,28 +18,28 @@ Criterion = Literal["D", "A"]
 
 SINE: Mapping[int, float] = {1: 1.0}
 SQUARE: Mapping[int, float] = {order: 4.0 / (np.pi * order) for order in (1, 3, 5, 7, 9)}
-"""Amplitude of each harmonic relative to the largest deviation; the prediction also includes harmonics above the ninth."""
+"""Amplitude of each harmonic relative to the largest deviation; `Prediction` includes harmonics above the ninth, too."""
 ITERATIONS = 20_000
 TOLERANCE = 1e-3
 """A design is optimal when its efficiency exceeds 1 - `TOLERANCE`."""
 SUPPORT = 1e-3
-"""Smallest share of a line that is kept, relative to the largest."""
+"""Smallest share of a line that is kept, relative to the largest share."""
 NEIGHBOURS = 1.001
-"""Candidates are neighbours if their ratio exceeds the smallest ratio of successive candidates by at most this factor."""
+"""Largest ratio of neighbouring candidates, over the smallest ratio of successive candidates."""
 
 
 @dataclass(frozen=True)
 class Lines:
-    """Candidate frequencies [Hz], shape (F,), and the information per second on the parameters at each.
-
-    `information` (F, r, r) is per unit of share at the line's full amplitude, in the r identifiable directions;
-    `goal` (r, r) makes trace(goal covariance) the sum of relative variances of all identifiable quantities.
-    """
+    """Candidate frequencies of a design, and the information on the parameters that each gives."""
 
     frequency_hz: Array
+    """Frequencies [Hz], shape (F,)."""
     amplitude_rpm: Array
+    """Largest amplitude of each line [rpm], shape (F,)."""
     information: Array
+    """Information per second and share at the largest amplitude, in the r identifiable directions, shape (F, r, r)."""
     goal: Array
+    """Matrix (r, r) with which trace(goal covariance) is the sum of relative variances of all identifiable quantities."""
     sensitivity: Sensitivity
 
     def total(self, shares: Array) -> Array:
@@ -47,13 +47,13 @@ class Lines:
         return np.tensordot(shares, self.information, axes=1)
 
     def cost(self, shares: Array, criterion: Criterion) -> Array:
-        """Factor on all relative variances: det(information)^(-1/r) ("D") or the sum of the variances ("A")."""
+        """Cost of a design: det(information)^(-1/r) ("D") or the sum of the relative variances ("A")."""
         total = self.total(shares)
         if criterion == "D":
             sign, logarithm = np.linalg.slogdet(total)
             return np.where(sign > 0, np.exp(-logarithm / total.shape[-1]), np.inf)
-        # The cost is infinite if a design does not excite some direction: the inverse would be rounding error, and a
-        # pseudo-inverse would give that direction zero variance.
+        # The cost is infinite if a design does not excite some direction: an inverse would consist of rounding errors,
+        # and a pseudo-inverse would give that direction zero variance.
         smallest = np.linalg.eigvalsh(total)
         solvable = smallest[..., 0] > 1e-14 * smallest[..., -1]
         safe = np.where(solvable[..., None, None], total, np.eye(total.shape[-1]))
@@ -68,10 +68,11 @@ def candidates(
     rate_hz: float,
     shape: Mapping[int, float] = SINE,
 ) -> Lines:
-    """Information on the subject from a wave of each frequency at its largest amplitude; `shape` holds its harmonics.
+    """Information on the subject's parameters from a wave of each frequency at its largest amplitude.
 
     With S the derivatives of the responses with respect to the parameters, the information of T seconds is
-    T a^2 Re(S^H G^-1 S) for a set point of relative amplitude a and noise of one-sided density G.
+    T a^2 Re(S^H G^-1 S) for a set point of relative amplitude a and noise of one-sided density G. `shape` has the
+    relative amplitudes of the wave's harmonics.
 
     Raises
     ------
@@ -106,12 +107,10 @@ def candidates(
 
 
 def optimal_shares(lines: Lines, criterion: Criterion) -> tuple[Array, float]:
-    """Shares (F,) of the optimal design, and a lower bound on their efficiency (1 at the optimum).
-
-    Multiplicative algorithm: each share is multiplied by the gain of its line to the power 1 ("D") or 1/2 ("A"). Every
-    step improves the criterion: Y. Yu, Annals of Statistics 38 (2010) 1593, doi:10.1214/09-AOS761. The bound on the
-    efficiency is the equivalence theorem's (Kiefer and Wolfowitz, doi:10.4153/CJM-1960-030-4).
-    """
+    """Shares (F,) of the optimal design, and a lower bound on their efficiency (1 at the optimum)."""
+    # The multiplicative algorithm improves the criterion in every step (Yu, Annals of Statistics 38 (2010) 1593,
+    # doi:10.1214/09-AOS761). The bound is that of the equivalence theorem (Kiefer and Wolfowitz,
+    # doi:10.4153/CJM-1960-030-4).
     shares = np.full(len(lines.frequency_hz), 1.0 / len(lines.frequency_hz))
     efficiency = 0.0
     for _ in range(ITERATIONS):
@@ -125,10 +124,8 @@ def optimal_shares(lines: Lines, criterion: Criterion) -> tuple[Array, float]:
 
 
 def support(lines: Lines, shares: Array) -> tuple[Array, Array]:
-    """Frequencies [Hz] and shares of a design, neighbouring candidates merged.
-
-    If the optimum is between two candidates, both have a share. Merged to one line, their waveform has a lower peak.
-    """
+    """Frequencies [Hz] and shares of a design, with neighbouring candidates merged into one line."""
+    # If the optimum is between two candidates, both have a share. The waveform of the merged line has a lower peak.
     runs: list[list[int]] = []
     frequency = lines.frequency_hz
     # Candidates on either side of an excluded band are not neighbours.
@@ -150,8 +147,8 @@ def best_sweep(lines: Lines, criterion: Criterion) -> tuple[float, float, Law]:
     found: list[tuple[float, float, float, Law]] = []
     for law, dwell in laws:
         for stop in range(3, len(width) + 1):
-            # A chirp has the largest amplitude permitted at its highest frequency; the information is rescaled to this
-            # amplitude.
+            # The amplitude of a chirp is the largest permitted at its highest frequency; the information at the other
+            # frequencies is rescaled to it.
             part = dwell[:stop] * (lines.amplitude_rpm[stop - 1] / lines.amplitude_rpm[:stop]) ** 2
             starts = np.triu(np.ones((stop, stop)))[: stop - 2]
             shares = np.zeros((len(starts), len(width)))
@@ -164,7 +161,7 @@ def best_sweep(lines: Lines, criterion: Criterion) -> tuple[float, float, Law]:
 
 
 def _gain(lines: Lines, shares: Array, criterion: Criterion) -> Array:
-    """Gain of the criterion per share of each line, relative to the mean over the design: at most 1 at the optimum."""
+    """Gain of the criterion per share of each line, relative to the mean over the design; at most 1 at the optimum."""
     total = lines.total(shares)
     inverse = np.linalg.inv(total)
     weight = inverse if criterion == "D" else inverse @ lines.goal @ inverse
@@ -173,7 +170,7 @@ def _gain(lines: Lines, shares: Array, criterion: Criterion) -> Array:
 
 
 def _goal(subject: Subject, sensitivity: Sensitivity) -> Array:
-    """Sum of squared relative gradients over all identifiable parameters and combinations."""
+    """Sum of the outer products of the relative gradients of all identifiable parameters and combinations."""
     told = sensitivity.right[: sensitivity.rank]
     relative = [
         quantity.gradient * subject.scale / (quantity.value or 1.0)

@@ -1,4 +1,4 @@
-"""Subject of a design: a structure at its expected values, its sensors' noise, and what a trial can identify of it."""
+"""Subject of a design: a structure with expected values, the noise of its sensors, and the identifiable quantities."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ from shipfp_rs.vessel.steady_state import steady_state
 from shipfp_rs.vessel.vessel import Vessel
 
 MOST_INACCURATE = 0.2
-"""Largest relative error of a calibration."""
+"""Largest accepted relative error of a calibration."""
 LEAST_LEVEL = 1e-9
-"""Least level of noise; smaller levels give weights out of numerical range."""
+"""Least level of noise; smaller levels give weights out of the numerical range."""
 
 
 @dataclass(frozen=True)
@@ -46,10 +46,10 @@ class Noise:
     level
         Standard deviation relative to the signal's operating point [-].
     corner_hz
-        Corner frequency [Hz]; None: white up to half the sample rate; the density then depends on the sample rate.
+        Corner frequency [Hz]. None: white up to half the sample rate, with a density that depends on the sample rate.
     accuracy
-        Standard deviation of the systematic relative error of the sensor's response after calibration, which varies slowly
-        with frequency [-]. The error does not decrease with the length of a trial.
+        Standard deviation of the sensor's systematic relative error after calibration [-]. The error varies slowly with
+        frequency, and does not decrease with the length of a trial.
     """
 
     level: float
@@ -104,13 +104,15 @@ USUAL: Mapping[str, Noise] = {
     "X_f": Noise(0.01, 10.0),
     "E_n": Noise(0.003, 10.0),
 }
-"""Default noise without data of a sensor. Four reflectors resolve shaft speed up to about 10 Hz; timing of their edges at
-2 kHz scatters by some tenths of a per cent, a telemetry gauge by about one per cent.
+"""Default noise of a signal whose sensor is not given.
+
+Four reflectors resolve the shaft speed up to about 10 Hz. The speed from the times of their edges, sampled at 2 kHz,
+scatters by some tenths of a per cent; the torque of a telemetry gauge scatters by about one per cent.
 """
 
 
 def sensors_of(given: Mapping[str, Noise] | None, signals: Mapping[str, str]) -> dict[str, Noise]:
-    """Sensor noise by output; `InputError` for a signal unused by the structure, or one without noise."""
+    """Sensor noise by output; `InputError` for a signal that the structure does not use, or one without noise."""
     for name in given or {}:
         if name not in signals.values():
             raise InputError(f"sensors: found {name!r}, expected some of {', '.join(signals.values())}")
@@ -125,7 +127,7 @@ def sensors_of(given: Mapping[str, Noise] | None, signals: Mapping[str, str]) ->
 
 @dataclass(frozen=True)
 class Quantity:
-    """Expected value, unit, and slopes with respect to the free parameters, shape (P,)."""
+    """Expected value and unit of a quantity, and its derivatives by the free parameters, shape (P,)."""
 
     value: float
     unit: str
@@ -134,7 +136,7 @@ class Quantity:
 
 
 def quantities(subject: Subject, sensitivity: Sensitivity) -> dict[str, Quantity]:
-    """Identifiable quantities: parameters first, then combinations with members that are not known separately."""
+    """Identifiable quantities: parameters first, then combinations of parameters that are not identifiable separately."""
     alone = dict(zip(sensitivity.names, np.linalg.norm(sensitivity.null, axis=0) <= NULL_PART, strict=True))
     found = {
         parameter.name: Quantity(
@@ -161,7 +163,7 @@ def quantities(subject: Subject, sensitivity: Sensitivity) -> dict[str, Quantity
 
 
 MOST_DRAWN = 30
-"""Most drawn ships for which a plan predicts the accuracy; each ship takes tens of milliseconds."""
+"""Largest number of drawn ships for which a plan predicts the accuracy; each ship takes tens of milliseconds."""
 SEED = 1
 """Seed of the noise phases in the predicted record."""
 
@@ -186,14 +188,11 @@ class Prediction:
 
 
 def predict(subject: Subject, excitation: Excitation, sensors: Mapping[str, Noise]) -> Prediction:
-    """Predict the result of `identify` for a record of this excitation, by the same likelihood.
-
-    The likelihood includes transients, offsets, initial state and the accuracy of gauges.
-    """
+    """Predict the result of `identify` for a record of this excitation, by the same likelihood."""
     experiment = subject.respond(excitation)
     samples, signals = len(experiment), subject.signals
-    # Noise with a smooth spectrum: randomly drawn noise would make the prediction scatter. Different phases keep the
-    # outputs uncorrelated.
+    # The noise has a smooth spectrum, since the prediction would scatter with randomly drawn noise. Different phases
+    # keep the outputs uncorrelated.
     phases = np.random.default_rng(SEED).random(samples // 2 + 1)
     apart = np.arange(len(phases)) / len(signals)
     noisy = {
@@ -231,17 +230,16 @@ def spread(
 
 @dataclass(frozen=True)
 class Subject:
-    """Ship expected in the planned trial.
-
-    `structure` is linear about the operating point; `fitted` is the structure to fit, None for the full ship.
-    """
+    """Ship expected in the planned trial."""
 
     name: str
     structure: Structure
+    """Structure that is linear about the operating point."""
     values: Mapping[str, float]
     operating_point: Mapping[str, float]
     vessel: Vessel | None = None
     fitted: Structure | None = None
+    """Structure to fit; None: the full ship."""
 
     @classmethod
     def of(
@@ -295,13 +293,13 @@ class Subject:
 
     @property
     def scale(self) -> np.typing.NDArray[np.float64]:
-        """Magnitude of each free parameter, for relative deviations, shape (P,)."""
+        """Magnitude of each free parameter, by which its deviations are normalised, shape (P,)."""
         return np.array(
             [abs(self.values[parameter.name]) or parameter.scale for parameter in self.structure.free]
         )
 
     def respond(self, excitation: Excitation) -> Experiment:
-        """Noise-free record of the expected ship, starting from steady state."""
+        """Response of the expected ship from steady state, without noise."""
         set_point = {"n_set": self.operating_point["n_set"] + excitation.samples}
         bare = Experiment(
             excitation.name,
@@ -321,12 +319,12 @@ class Subject:
 
 
 def usual_structure() -> Structure:
-    """Structure that is identifiable from speed and a torque gauge between the inertias, with free propeller exponent."""
+    """Structure with free propeller exponent, identifiable from speed and a torque gauge between the inertias."""
     return Structure.linear(torque="gauge", products=True, free_exponent=True)
 
 
 def _expected(structure: Structure, known: Mapping[str, float]) -> dict[str, float]:
-    """Expected values: known ones, or the structure's start value if fixed, unknown, or a dead time of zero."""
+    """Expected values: the known ones, or the start value of a parameter that is fixed, unknown or zero."""
     return structure.complete(
         {
             parameter.name: parameter.start

@@ -1,4 +1,4 @@
-"""Waveforms of a design (sines in sequence or simultaneous, a chirp, steps) and the limits that they keep to."""
+"""Waveforms of a design (sines in sequence or simultaneous, a chirp, steps), and their limits."""
 
 from __future__ import annotations
 
@@ -155,17 +155,18 @@ PARTS: Mapping[Kind, Mapping[Part, float]] = {
     "chirp": {"chirp": 1.0},
     "mix": {"sines": 0.6, "chirp": 0.25, "steps": 0.15},
 }
-"""Parts of each kind and their shares of the time. In a mix the sines are the most informative, the chirp reveals
-unexpected behaviour, and the steps are for validation, not for the fit (section 6.5.2 recommends the three in one
-signal).
+"""Parts of each kind and their shares of the time.
+
+In a mix, the sines are the most informative part, the chirp reveals unexpected behaviour, and the steps are for
+validation and not fitted. Section 6.5.2 recommends the three in one signal.
 """
 LEVELS = (1.0, -1.0, -1.0, 1.0)
-"""Steps for validation, in amplitudes: up, back, down, back."""
+"""Sizes of the steps for validation, relative to the amplitude: up, back, down, back."""
 
 
 @dataclass(frozen=True)
 class Setting:
-    """Requirements of a waveform: candidate lines, optimal shares, limits, sample rate [Hz]."""
+    """Requirements for a waveform: candidate lines, optimal shares, limits, sample rate [Hz]."""
 
     lines: Lines
     shares: Array
@@ -181,7 +182,7 @@ class Setting:
 
 
 def settling(kind: Kind, settle_s: float) -> float:
-    """Settling time in a plan, before, between and after its parts [s]."""
+    """Total settling time of a plan [s], before, between and after its parts."""
     return settle_s * (len(PARTS[kind]) + 1)
 
 
@@ -207,8 +208,8 @@ def _sines(setting: Setting, duration_s: float) -> Excitation:
     frequencies, shares = support(setting.lines, setting.shares)
     times = np.floor(shares * duration_s * setting.rate_hz) / setting.rate_hz
     periods = np.maximum(np.round(times * frequencies), 1.0)
-    # Frequencies are adjusted slightly to fill the time with whole periods, unless an adjusted frequency is in an
-    # excluded band.
+    # Frequencies are adjusted slightly, so that whole periods fill the time, except where the adjusted frequency is in
+    # an excluded band.
     moved = periods / np.maximum(times, 1.0 / setting.rate_hz)
     periods = np.where(setting.limits.outside(moved), periods, np.floor(times * frequencies))
     frequencies = np.where(setting.limits.outside(moved), moved, frequencies)
@@ -228,7 +229,7 @@ def _sines(setting: Setting, duration_s: float) -> Excitation:
 
 def _squares(setting: Setting, duration_s: float) -> Excitation:
     made = _sines(setting, duration_s)
-    # Rounded, so that a zero crossing has sign 0 in spite of rounding errors.
+    # The samples are rounded, so that a zero crossing has sign 0 in spite of rounding errors.
     level = np.sign(np.round(made.samples / setting.limits.amplitude_rpm, 9))
     return replace(made, name="squares", samples=setting.limits.amplitude_rpm * level)
 
@@ -248,7 +249,7 @@ def _multisine(setting: Setting, duration_s: float) -> Excitation:
         weights=weights * amplitudes,
         rate_hz=setting.rate_hz,
     )
-    # The periodic signal is rotated to start at a zero crossing, without a jump of the set point.
+    # The periodic signal is rotated to start at a zero crossing, so that the set point does not jump.
     start = int(np.argmin(np.abs(made.samples)))
     return replace(made, samples=np.roll(made.samples, -start), segments=())
 
@@ -265,7 +266,7 @@ def _chirp(setting: Setting, duration_s: float) -> Excitation:
         rate_hz=setting.rate_hz,
         name=f"{law} chirp, {start:.3g} to {stop:.3g} Hz",
     )
-    # The chirp ends at its last zero crossing, without a jump back to the operating point.
+    # The chirp ends at its last zero crossing, so that the set point does not jump back to the operating point.
     crossings = np.flatnonzero(np.diff(np.signbit(made.samples)))
     if not crossings.size:
         raise InputError(
@@ -295,11 +296,8 @@ def _steps(setting: Setting, duration_s: float) -> Excitation:
 
 
 def _smoothing_s(limits: Limits) -> float:
-    """Length of the Hann window [s] that smooths steps: long enough for the rate limit, and without power in the bands.
-
-    A unit step smoothed over a length L has a slope of at most 2 / L; above the frequency 4 / L the window's gain is
-    below 1/200.
-    """
+    """Length of the Hann window [s] that smooths steps, so that they respect the rate limit and the excluded bands."""
+    # A unit step smoothed over a length L has a slope of at most 2 / L. The window's gain is below 1/200 above 4 / L.
     for_rate = 0.0 if limits.rate_rpm_s is None else 2.0 * limits.amplitude_rpm / limits.rate_rpm_s
     for_bands = 4.0 / max(limits.avoid_hz[0][0], 1e-3) if limits.avoid_hz else 0.0
     return max(for_rate, for_bands)

@@ -1,4 +1,4 @@
-"""The whole drive train of a vessel: physical parameters, step length, and the propeller of a moving ship."""
+"""Parameters of a vessel's whole drive train, the step length of its simulation, and the propeller of a moving ship."""
 
 from __future__ import annotations
 
@@ -26,9 +26,10 @@ PLANT_PARAMETERS = (
     "Ki_abs",
     "minimum_torque",
 )
-"""Plant of eq. 3.1-3.11 in kg m2, -, -, Nm/mm, Nm/(rev/s), Nm, Nm/(rev/s)^p, -, mm, mm/(rev/s), mm/rev, Nm.
+"""Parameters of the plant, eq. 3.1-3.11.
 
-M_p = torque_coefficient n_s |n_s|^(p - 1); M_b = A1 X + A2 n_e + A3 below the envelope, not below minimum_torque.
+Their units are kg m2, -, -, Nm/mm, Nm/(rev/s), Nm, Nm/(rev/s)^p, -, mm, mm/(rev/s), mm/rev, Nm.
+M_p is torque_coefficient n_s |n_s|^(p - 1). M_b is A1 X + A2 n_e + A3, limited by minimum_torque and the envelope.
 """
 SIMULATED_KEYS = (
     *PLANT_KEYS,
@@ -61,10 +62,10 @@ OFF: Mapping[str, float] = {
     "blade_ripple": 0.0,
     "ship_mass": math.inf,
 }
-"""Parameters that reduce the drive train to the plant of eq. 3.1-3.11."""
+"""Values with which the drive train is the plant of eq. 3.1-3.11."""
 
 _LARGEST_STEP = 0.15
-"""Largest step length times the fastest pole of an element."""
+"""Largest product of step length and fastest pole of an element."""
 _STEPS_A_RIPPLE = 16.0
 """Steps per period of the torque ripple."""
 _LONGEST_STEP_S = 1e-3
@@ -73,21 +74,14 @@ _LONGEST_STEP_S = 1e-3
 
 @dataclass(frozen=True)
 class DriveTrain:
-    """Parameters of the whole drive train.
-
-    Parameters
-    ----------
-    values
-        Parameters by name: kg m2, rev/s, Nm, mm, s, rad, N.
-    strength
-        Each cylinder's torque relative to the mean, in the order of firing, shape (C,).
-    quadrants
-        Rows of flow angle [rad], torque and thrust relative to bollard pull, shape (3, K); (3, 0) without a diagram.
-    """
+    """Parameters of the whole drive train."""
 
     values: Mapping[str, float]
+    """Parameters by name, in units of kg m2, rev/s, Nm, mm, s, rad, N."""
     strength: Array
+    """Torque of each cylinder relative to the mean, in the order of firing, shape (C,)."""
     quadrants: Array
+    """Flow angle [rad], torque and thrust relative to bollard pull, shape (3, K); (3, 0) without a diagram."""
 
     @property
     def extends_the_plant(self) -> bool:
@@ -194,7 +188,7 @@ def _strength(vessel: Vessel) -> Array:
 
 
 def _quadrants(vessel: Vessel) -> Array:
-    """Flow angles relative to the operating point's, -pi to pi; torque and thrust relative to the operating point."""
+    """Flow angles from that of the operating point, -pi to pi, with torque and thrust relative to the operating point."""
     table = vessel.propeller.four_quadrant
     if table is None:
         return np.empty((3, 0))

@@ -33,16 +33,16 @@ S = np.poly1d([1.0, 0.0])
 
 @dataclass(frozen=True)
 class LinearModel:
-    """Linear model of a drive train, whose outputs are deviations relative to the operating point.
+    """Linear model of a drive train; its outputs are deviations relative to the operating point.
 
     Parameters
     ----------
     tau_n
         Integration time of the shaft [s], 2 pi I_p n_s0 / M_s0 (eq. 3.23).
     g, v
-        Relative slopes of the brake torque over speed and over fuel rack (eq. 3.24, 3.25).
+        Relative slopes of the brake torque over speed (g) and over fuel rack (v) (eq. 3.24, 3.25).
     K_p, K_i
-        Gains of the governor [-], [1/s], normalised with the operating point.
+        Gains of the governor, normalised with the operating point: K_p [-], K_i [1/s].
     p
         Exponent of the propeller torque; 2 in eq. 3.20.
     tau_prop
@@ -185,7 +185,7 @@ class LinearModel:
         return FrequencyResponse(name, frequency, signals, provenance={"source": "linear model"})
 
     def _parts(self, s: Any, late: Any = 1.0) -> tuple[dict[Output, Any], Any]:
-        """Numerators of the transfer functions and their denominator at `s`, numbers or `S`, both multiplied by s."""
+        """Numerators of the transfer functions and their common denominator, each times s; `s` is numbers or `S`."""
         governor, shaft = (self.K_p * s + self.K_i) * late, self.tau_n * s + (self.p - self.g)
         speed = self.v * governor
         return {
@@ -220,10 +220,10 @@ def linearise(vessel: Vessel, n_e_rpm: float | None = None) -> LinearModel:
 
     Notes
     -----
-    For a vessel with more than the plant of eq. 3.1-3.11, the model describes small and slow motions. T_d is the sum of the
-    mean delays between speed and torque: dead time, lag, half a period of a sampling governor, half a firing stroke. A drag
-    that grows with the speed affects v and g, since the structure's torque is the shaft's. Limits, ramps, derivative gain,
-    droop, torsional flexibility of the shaft and the ship's acceleration are not included.
+    For a vessel with elements in addition to the plant of eq. 3.1-3.11, the model describes small and slow motions. T_d is
+    the sum of the mean delays between speed and torque: dead time, lag, half a period of a sampling governor, half a firing
+    stroke. A drag that grows with the speed affects v and g, since these are slopes of the torque at the shaft. Limits,
+    ramps, derivative gain, droop, torsional flexibility of the shaft and the ship's acceleration are not included.
 
     Examples
     --------
@@ -249,18 +249,7 @@ def linearise(vessel: Vessel, n_e_rpm: float | None = None) -> LinearModel:
 
 
 def linearise_numerically(vessel: Vessel, n_e_rpm: float | None = None) -> LinearModel:
-    """Linearise the nonlinear plant by complex steps of its right-hand side, as a check of `linearise`.
-
-    Parameters
-    ----------
-    vessel, n_e_rpm
-        The ship and its set point [rpm], as for `steady_state`.
-
-    Raises
-    ------
-    InputError
-        If the engine can't hold the set point, or the vessel has elements in addition to the plant of eq. 3.1-3.11.
-    """
+    """Linearise the nonlinear plant (eq. 3.1-3.11) by complex steps of its right-hand side, as a check of `linearise`."""
     if drive_train(vessel).extends_the_plant:
         raise InputError(
             f"vessel {vessel.name!r}: found elements in addition to the plant of eq. 3.1-3.11, expected none; use linearise"

@@ -22,7 +22,7 @@ _FASTEST_SHIP = 100.0
 """Highest ship speed in the search for a steady state [m/s]."""
 
 SLOWEST = 1e-3
-"""Lowest speed of an engine, relative to its rated speed."""
+"""Lowest permitted engine speed, relative to the rated speed."""
 
 
 @dataclass(frozen=True)
@@ -86,12 +86,12 @@ def steady_state(vessel: Vessel, n_e_rpm: float | None = None) -> OperatingPoint
     vessel
         The ship.
     n_e_rpm
-        Set point [rpm], which the engine speed reaches with an integrating governor. None: the ship's operating point.
+        Set point [rpm]; with an integrating governor it is the steady engine speed. None: the ship's operating point.
 
     Raises
     ------
     InputError
-        If the engine can't hold the set point, due to the torque limit or the rack's limits.
+        If the engine can't hold the set point within the limits of torque and rack.
 
     Examples
     --------
@@ -167,11 +167,8 @@ def _ship_speed(vessel: Vessel, n_s: float) -> float:
 def ship_about(
     vessel: Vessel, point: OperatingPoint, more: Mapping[str, float] = MappingProxyType({})
 ) -> Array:
-    """Return the kernel's parameters for eq. 3.1-3.11 relative to the values at `point`, updated by `more`.
-
-    The rack is its relative deviation from `point`; the torque limit is not included. Shaft torques are relative to the
-    engine torque at `point` times gear ratio and efficiency, including the drag.
-    """
+    """Return the kernel's parameters of the plant (eq. 3.1-3.11) relative to `point`, without torque limit, plus `more`."""
+    # Shaft torques are relative to the shaft torque at `point`, including the drag.
     plant = dict(zip(PLANT_PARAMETERS, vessel.plant_parameters().tolist(), strict=True))
     time_per_inertia = 2.0 * math.pi * point.n_s / (point.M_s + vessel.drag_torque(point.n_s))
     values = dict(zip(_core.SHIP_PARAMETERS, _core.SHIP_OFF, strict=True)) | {
@@ -189,13 +186,13 @@ def ship_about(
 
 
 def droop_about(vessel: Vessel, point: OperatingPoint) -> float:
-    """Return the droop relative to the speed and the engine torque at `point`."""
+    """Return the droop, normalised by the speed and the engine torque at `point`."""
     speed = vessel.nominal_engine_speed / point.n_e
     return vessel.governor.droop * speed * point.M_b / vessel.nominal_brake_torque
 
 
 def whole_about(vessel: Vessel, point: OperatingPoint) -> tuple[Array, Array]:
-    """Return the kernel's two parameter vectors of the whole drive train, "ship" and "detail", relative to `point`."""
+    """Return the kernel's parameter vectors "ship" and "detail" of the whole drive train, relative to `point`."""
     train = drive_train(vessel)
     q, unit = train.values, point.M_s + vessel.drag_torque(point.n_s)
     once_a_firing = math.isinf(q["governor_period"])

@@ -1,4 +1,4 @@
-"""Tables of a vessel file, with plausible sizes of their numbers."""
+"""Tables of a vessel file, with plausible ranges of their values."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from shipfp_rs.support.units import Calibration
 
 
 class Size(NamedTuple):
-    """Range of a number in a vessel file, and common wrong units for it."""
+    """Plausible range of a number in a vessel file, and units in which it is often given by mistake."""
 
     key: str
     low: float
@@ -36,7 +36,7 @@ class Size(NamedTuple):
 Positive = Annotated[float, Field(gt=0.0)]
 NotNegative = Annotated[float, Field(ge=0.0)]
 Wait = Annotated[float, Field(ge=0.0, le=60.0)]
-"""Dead time or lag of a control [s]."""
+"""Dead time or lag of a governor or actuator [s]."""
 Numbers = Annotated[tuple[float, ...], Field(strict=False)]
 
 
@@ -55,7 +55,7 @@ Table = Annotated[tuple[Positive, ...], Field(strict=False, min_length=2)]
 
 
 class Firing(Section):
-    """Torque of single cylinders, equally spaced: a raised cosine over each working stroke."""
+    """Torque pulses of the cylinders: a raised cosine over each working stroke, at equal intervals."""
 
     stroke_deg: Annotated[float, Field(ge=1.0)] = 180.0
     """Crankshaft angle during which a firing produces torque [deg]."""
@@ -64,7 +64,7 @@ class Firing(Section):
 
 
 class Actuator(Section):
-    """Actuator: from the governor's command to the fuel rack."""
+    """Actuator, which moves the fuel rack to the governor's command."""
 
     dead_time_s: Wait = 0.0
     """Dead time between command and rack [s]."""
@@ -75,7 +75,7 @@ class Actuator(Section):
 
 
 class FourQuadrant(Section):
-    """Torque and thrust coefficients C_Q*, C_T* over the flow angle at 0.7 of the radius, with linear interpolation.
+    """Torque and thrust coefficients C_Q*, C_T* over the flow angle at 0.7 of the radius, linear between the angles.
 
     The angle is atan2(V_a, 0.7 pi n D), which is 0 degrees ahead in bollard pull and 180 degrees astern. Only ratios to
     the values at `bollard_deg` are used; the absolute values follow from the operating point and K_T.
@@ -88,7 +88,7 @@ class FourQuadrant(Section):
     C_T: Numbers
     """Thrust coefficient at each angle."""
     bollard_deg: float = 0.0
-    """Flow angle at the ship's operating point [deg]; 180 for a trial astern, in which speeds astern are positive."""
+    """Flow angle at the ship's operating point [deg]. It is 180 for a trial astern, where speeds astern are positive."""
 
     @model_validator(mode="after")
     def _is_a_function_of_the_angle(self) -> Self:
@@ -117,12 +117,12 @@ class Ship(Section):
 
 
 def later() -> Any:
-    """Return the field of a table's key that may be omitted; only functions that use the key require it."""
+    """Return the default of a key that may be omitted; only functions that use the key require it."""
     return Field(default=None)
 
 
 class Sparse(Section):
-    """A table whose keys may be left out. Whatever needs a missing key names it in an error."""
+    """Table whose keys may be omitted; a function that needs a missing key names it in an error."""
 
     table: ClassVar[str] = ""
 
@@ -135,7 +135,7 @@ class Sparse(Section):
 
     @classmethod
     def _needed(cls) -> set[str]:
-        """Keys with default None whose type excludes None: a vessel file may omit them, but None is not a value."""
+        """Keys that a vessel file may omit, but that can't have the value None."""
         return {
             name
             for name, field in cls.model_fields.items()
@@ -171,7 +171,7 @@ class Water(Sparse):
 
 
 class Envelope(Section):
-    """Highest brake torque over engine speed, linear between the points, constant outside (Fig. 3.3)."""
+    """Highest brake torque over engine speed, linear between the points and constant beyond them (Fig. 3.3)."""
 
     speed_rpm: Table
     """Engine speeds [rpm], ascending."""
@@ -191,7 +191,7 @@ class Envelope(Section):
 
 
 class Engine(Sparse):
-    """Diesel engine: rating, torque limit, and the numbers that determine its torque ripple (cylinders, strokes)."""
+    """Diesel engine: rating, torque limits, and what determines its torque ripple (cylinders, strokes, firing)."""
 
     table: ClassVar[str] = "engine"
 
@@ -206,17 +206,17 @@ class Engine(Sparse):
     rated_speed_rpm: Positive = later()
     """Speed at the rated power [rpm]."""
     envelope: Envelope | None = None
-    """None: unlimited."""
+    """None: no limit."""
     minimum_torque_Nm: float | None = None
     """Lowest brake torque [Nm], negative if the engine can be driven by the shaft; None: no lower limit."""
     torque_rate_Nm_s: Annotated[float, Field(ge=1e-3, le=1e12)] | None = None
     """Highest rate of the brake torque [Nm/s]; None: no limit."""
     smoke_margin_mm: Annotated[float, Field(ge=1e-6, le=1e6)] | None = None
-    """Fuel that the smoke limiter allows in excess of that for the charge air [mm of rack]; None: no smoke limiter."""
+    """Rack [mm] that the smoke limiter allows above the rack that matches the charge air; None: no smoke limiter."""
     turbocharger_lag_s: Annotated[float, Field(ge=1e-3, le=600.0)] = 1.0
     """Time constant with which the charge air follows the rack [s]; used only with a smoke limiter."""
     firing: Firing | None = None
-    """Torque pulses of the cylinders; default: constant torque, without pulses."""
+    """Torque pulses of the cylinders; None: a torque without pulses."""
 
     @model_validator(mode="after")
     def _stays_within_its_rating(self) -> Self:
@@ -243,9 +243,9 @@ class Gearbox(Sparse):
     efficiency: Fraction = later()
     """Shaft power divided by brake power, without the loss by `drag_Nm`."""
     drag_Nm: NotNegative = 0.0
-    """Torque lost at the shaft at the operating point, in addition to the efficiency [Nm]."""
+    """Torque lost at the shaft at the operating point, in addition to the loss by `efficiency` [Nm]."""
     drag_exponent: Annotated[float, Field(ge=0.0, le=4.0)] = 1.0
-    """Exponent e of the drag, which is proportional to the shaft speed to the power of e."""
+    """Exponent e of the drag, which is proportional to n_s^e."""
 
 
 class Shaft(Sparse):
@@ -258,7 +258,7 @@ class Shaft(Sparse):
     propeller_side_inertia_kg_m2: Positive = later()
     """Part of the inertia on the propeller's side of the torque gauge [kg m2]."""
     add_entrained_water: bool = False
-    """Whether the propeller's added inertia of entrained water is added to both inertias; if false, they include it."""
+    """Whether to add the inertia of the water entrained by the propeller to both inertias; if false, they include it."""
     stiffness_Nm_rad: Annotated[float, Field(ge=1e-3)] | None = None
     """Torsional stiffness between the two inertias [Nm/rad]; None: rigid."""
     damping_Nms_rad: Annotated[float, Field(ge=0.0, le=1e9)] = 0.0
@@ -307,7 +307,7 @@ class Propeller(Sparse):
 
 
 class Governor(Sparse):
-    """PI or PID governor, gains normalised with the operating point: K = K_abs n_e0 / X_0; K_i in 1/s, K_d in s."""
+    """PI or PID governor, whose gains are normalised with the operating point: K = K_abs n_e0 / X_0."""
 
     table: ClassVar[str] = "governor"
 
@@ -316,11 +316,11 @@ class Governor(Sparse):
     K_i: Annotated[float, Field(ge=1e-5, le=1e5)] = later()
     """Integral gain [1/s]."""
     K_d: Annotated[float, Field(ge=0.0, le=1e4)] = 0.0
-    """Derivative gain [s]. It acts on the filtered speed, not on the set point, whose steps cause no peak."""
+    """Derivative gain [s]. It acts on the filtered speed and not on the set point, so a step causes no peak."""
     droop: Annotated[float, Field(ge=0.0, le=1.0)] = 0.0
-    """Fall of the set point over the speed, while the fuel's torque rises by that of the operating point."""
+    """Fall of the set point, relative to the operating speed, while the fuel's torque rises by the operating torque."""
     derivative_filter_s: Annotated[float, Field(ge=1e-6, le=60.0)] = 0.05
-    """Time constant of the filter of the derivative [s]."""
+    """Time constant of the derivative's filter [s]."""
     sample_rate_hz: Annotated[float, Field(ge=0.1, le=1e5)] | None = None
     """Rate at which the governor computes [Hz]; None: continuously."""
     once_a_firing: bool = False
@@ -334,7 +334,7 @@ class Governor(Sparse):
     maximum_rack_mm: Annotated[float, Field(gt=0.0, le=1e6)] | None = None
     """Highest rack that the governor commands [mm]; None: no limit."""
     anti_windup: bool = False
-    """Whether the integral is held while a limit of the rack or of the torque acts."""
+    """Whether the integral is held while a limit of rack or torque acts."""
 
     @model_validator(mode="after")
     def _computes_at_one_kind_of_time(self) -> Self:
@@ -346,7 +346,7 @@ class Governor(Sparse):
 
 
 class NominalPoint(Sparse):
-    """A known steady state, and the slopes of the engine map there (eq. 3.24, 3.25)."""
+    """A known steady state, and the slopes of the engine map at it (eq. 3.24, 3.25)."""
 
     table: ClassVar[str] = "operating_point"
 
@@ -357,7 +357,7 @@ class NominalPoint(Sparse):
     M_b_Nm: Positive | None = None
     """Brake torque [Nm]."""
     M_s_Nm: Positive | None = None
-    """Shaft torque [Nm]. Either the brake torque or the shaft torque is given."""
+    """Shaft torque [Nm]. Give either this or the brake torque."""
     v: Annotated[float, Field(ge=0.01, le=100.0)] = later()
     """Relative slope of brake torque over fuel rack at constant speed: d ln(M_b) / d ln(X)."""
     g: float = later()

@@ -1,4 +1,4 @@
-"""A torsional calculation's line of discs, shafts and gears, as inertias on either side of a gauge and a stiffness."""
+"""Line of discs, shafts and gears from a torsional calculation, reduced to inertias about a gauge and a stiffness."""
 
 from __future__ import annotations
 
@@ -27,20 +27,19 @@ class Disc(Section):
 
 
 class Link(Section):
-    """A shaft or a gear; `ratio` is the first node's speed over the second's. Half of the inertia counts at either node.
-
-    The stiffness is referred to the first node; a link without stiffness is rigid. The default name is "shaft" and a number.
-    """
+    """A shaft, by default named "shaft" and a number, or a gear, between two nodes; its inertia is halved between them."""
 
     name: str = ""
     nodes: Annotated[tuple[Node, Node], Field(strict=False)]
     ratio: Annotated[float, Field(gt=0.0)] = 1.0
+    """Speed of the first node divided by that of the second."""
     stiffness_Nm_rad: Annotated[float, Field(gt=0.0)] | None = None
+    """Torsional stiffness, referred to the first node; None: rigid."""
     inertia_kg_m2: Annotated[float, Field(ge=0.0)] = 0.0
 
 
 class Seen(NamedTuple):
-    """A line seen from its propeller: inertias [kg m2], whole and behind a gauge, stiffness [Nm/rad], gear ratio."""
+    """Line referred to its propeller: total inertia and the part behind a gauge [kg m2], stiffness [Nm/rad], gear ratio."""
 
     inertia: float | None
     propeller_side_inertia: float | None
@@ -52,13 +51,13 @@ class Line(Section):
     """Discs, shafts and gears of one drive train."""
 
     discs: Annotated[tuple[Disc, ...], Field(strict=False, min_length=1)]
-    """From the engine's, the first, to the propeller, the last."""
+    """Discs in order; the first is the engine, the last the propeller."""
     shafts: Annotated[tuple[Link, ...], Field(strict=False)] = ()
     gears: Annotated[tuple[Link, ...], Field(strict=False)] = ()
 
     @classmethod
     def read(cls, path: str | Path) -> Self:
-        """Read a plain list from JSON or TOML, or openTorsion's own JSON (TORS); `InputError` for anything else."""
+        """Read a line's tables from JSON or TOML, or an assembly from openTorsion's JSON format (TORS)."""
         path, expected = Path(path), "tables discs, shafts and gears of a torsional line"
         found = read_tables(path) if path.suffix == ".toml" else read_json(path, expected)
         if not (isinstance(found, dict) and "components" in found):
@@ -70,7 +69,7 @@ class Line(Section):
 
     @classmethod
     def of_assembly(cls, assembly: Any) -> Self:
-        """Return the line of an `opentorsion.Assembly`, which keeps no names of its elements."""
+        """Return the line of an `opentorsion.Assembly`, whose elements have no names."""
         wheels = [*(assembly.gear_elements or ()), *(assembly.elastic_gear_elements or ())]
         discs = [*(assembly.disk_elements or ())]
         # The first and the last disc must be the ends of the line, so gear wheels are inserted between them.
@@ -79,7 +78,7 @@ class Line(Section):
                 {"node": w.node, "inertia_kg_m2": float(w.I)} for w in discs[:-1] + wheels + discs[-1:]
             ],
             "shafts": [
-                # The inertia is the sum of all elements of the shaft's mass matrix: both ends have one speed.
+                # The inertia is the sum of all entries of the shaft's mass matrix, since both ends have the same speed.
                 {"nodes": [s.nl, s.nr], "stiffness_Nm_rad": float(s.k), "inertia_kg_m2": float(s.M().sum())}
                 for s in assembly.shaft_elements
             ],
@@ -96,11 +95,8 @@ class Line(Section):
         return validated(content, cls, "opentorsion.Assembly")
 
     def seen(self, gauge: str | None = None) -> Seen:
-        """Return the line seen from its propeller, with a gauge on the named shaft, or on the propeller's side of a disc.
-
-        An inertia counts by the square of its speed over the propeller's, a compliance between engine and propeller by the
-        inverse. `InputError` for an unknown name, or where not all discs are on one line.
-        """
+        """Return the line referred to its propeller; the gauge is on the named shaft, or behind the named disc."""
+        # Inertias are multiplied, and compliances divided, by the square of their speed over the propeller's.
         speeds, before = self._walked(self.discs[-1].node)
         named = {one.name or f"disc {k}": one for k, one in enumerate(self.discs, 1)}
         links = {one.name or f"shaft {k}": one for k, one in enumerate(self.shafts, 1)}
@@ -126,7 +122,7 @@ class Line(Section):
         )
 
     def _walked(self, start: int) -> tuple[dict[int, float], dict[int, tuple[Link, int]]]:
-        """Speed of each node over that of `start`; for the others the link and the next node on the way there."""
+        """Speed of each node over that of `start`; for each other node, the link and the next node towards `start`."""
         speeds, before, left = {start: 1.0}, {}, [*self.shafts, *self.gears]
         while reached := [one for one in left if (one.nodes[0] in speeds) != (one.nodes[1] in speeds)]:
             link, (first, second) = reached[0], reached[0].nodes

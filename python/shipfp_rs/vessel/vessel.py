@@ -44,7 +44,7 @@ PLANT_KEYS = (
     "engine",
     "propeller",
 )
-"""Keys required for a simulation of the plant; processing a log needs only the gear ratio."""
+"""Keys required to simulate the plant; to process a log, the gear ratio suffices."""
 
 
 class Vessel(Sparse):
@@ -53,8 +53,8 @@ class Vessel(Sparse):
     Elements beyond the thesis's plant (dead times, limits, sampling, firing, a flexible shaft, the ship's motion) are off
     unless configured.
 
-    The gear ratio alone suffices to process a log. An error names any other key that is needed but missing.
-    The propeller's torque coefficient is not configured, since it follows from the operating point.
+    To process a log, the gear ratio suffices. An error names any other key that is needed but missing.
+    The propeller's torque coefficient follows from the operating point and is not a key.
 
     Examples
     --------
@@ -122,7 +122,7 @@ class Vessel(Sparse):
             raise unexpected("shaft.inertia_kg_m2", found, "0.001 to 1000 s")
 
     def _require_firing(self) -> None:
-        """Raise an error for a firing that does not match the cylinders."""
+        """Raise an error if `engine.firing` does not match strokes, cylinders or governor."""
         if not self.given("engine"):
             return
         governed = self.given("governor") and self.governor.once_a_firing
@@ -140,7 +140,7 @@ class Vessel(Sparse):
             raise unexpected("engine.firing.strength", found, f"{self.engine.cylinders} as engine.cylinders")
 
     def _require_sense(self) -> None:
-        """Raise an error for implausible values; the text names a wrong unit as possible cause."""
+        """Raise an error for an implausible value; it names a wrong unit as the possible cause."""
 
         def known(key: str) -> float | None:
             value: Any = self
@@ -309,12 +309,12 @@ class Vessel(Sparse):
         return self.engine.strokes / 2.0 / self.engine.cylinders
 
     def drag_torque(self, n_s: float) -> float:
-        """Return the torque lost at a shaft speed [rev/s] in addition to the gearbox's efficiency [Nm]."""
+        """Return the torque [Nm] lost at a shaft speed [rev/s], in addition to the loss by the gearbox's efficiency."""
         return float(self.gearbox.drag_Nm * (n_s / self.nominal_shaft_speed) ** self.gearbox.drag_exponent)
 
     @property
     def nominal_propeller_torque(self) -> float:
-        """Propeller torque at the operating point [Nm], the brake torque at the shaft minus the drag."""
+        """Propeller torque at the operating point [Nm]: the brake torque, referred to the shaft, minus the drag."""
         shaft_torque = self.nominal_brake_torque * self.gearbox.ratio * self.gearbox.efficiency
         return float(shaft_torque - self.gearbox.drag_Nm)
 
@@ -347,11 +347,11 @@ class Vessel(Sparse):
         )
 
     def loop_delay(self, n_e: float) -> float:
-        """Return the mean delay [s] from speed to brake torque at an engine speed [rev/s], the T_d for slow motions.
+        """Return the mean delay [s] from speed to brake torque at an engine speed [rev/s], which is T_d for slow motions.
 
         A sampled command is held for half a period on average (Astrom, Wittenmark, "Computer-Controlled Systems", 1997,
-        section 1.4); a firing's torque comes half a stroke after its fuel. A command computed at a firing acts at this
-        firing, unless its delay makes it late for it.
+        section 1.4). The torque of a firing is centred half a stroke after its fuel. A command computed at a firing acts
+        at this firing, or at the next one if it is delayed.
         """
         governor, actuator, firing = self.governor, self.actuator, self.engine.firing
         delay = actuator.dead_time_s + governor.computation_delay_s + actuator.lag_s
@@ -363,14 +363,14 @@ class Vessel(Sparse):
         return delay
 
     def envelope(self) -> tuple[Array, Array]:
-        """Return the torque limit: engine speed [rev/s] and highest brake torque [Nm], each (K,); empty without a limit."""
+        """Return the torque limit, engine speed [rev/s] and highest brake torque [Nm], each (K,); empty without a limit."""
         table = self.engine.envelope
         if table is None:
             return np.empty(0), np.empty(0)
         return np.array(table.speed_rpm) / 60.0, np.array(table.torque_Nm)
 
     def plant_parameters(self) -> Array:
-        """Return the nonlinear plant's parameters in the order of `drive_train.PLANT_PARAMETERS`, (12,).
+        """Return the nonlinear plant's parameters in the order of `drive_train.PLANT_PARAMETERS`, shape (12,).
 
         The engine map (eq. 3.5) is the plane through the operating point with the relative slopes v and g.
         """
