@@ -48,7 +48,7 @@ BUDGETS = {
     "python/shipfp_rs/exports": 859,
     "python": 52709,
     "rust/src": 9865,
-    "tests": 40032,
+    "tests": 40037,
 }
 """Most lines of each room, and most numeric constants of identification and structures. A commit that earns it lowers a
 number; none is raised without a word in the commit's text."""

@@ -343,6 +343,9 @@ class TestStability:
         lags = values["tau_act"], values["T_f"], values["tau_eng"]
         left = np.prod([np.hypot(1.0, 9.0 * one / dead) for one in lags]) if dead else np.inf
         assume(values["vK_d"] < 0.8 * values["tau_n"] * left)
+        # The approximated delay must hold at the plant's own pole, and the loop must have a finite gain at rest.
+        assume(abs(own) * dead < 8.0 * values["tau_n"])
+        assume(abs(1.0 + values["droop"] * own) > 1e-3)
         roots = twin.loop_roots(parameters)
         roots = roots[np.abs(roots) * dead < 9.0]
         worst = (roots.real / np.abs(roots)).max()

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.interpolate import make_lsq_spline
 
@@ -226,6 +226,8 @@ def test_no_spikes_remain_wherever_pulses_are_missed_or_doubled(data):
     missed = data.draw(places)
     # More of them in a row, or with others, leave no median to be measured against.
     doubled = {k for k in data.draw(places) if all(abs(k - m) > 4 for m in missed)}
+    # Two of them in the same place of successive turns look like irregular rotation.
+    assume(not any(k + 3 in doubled for k in doubled))
     # An extra crossing right before an edge is taken for it.
     shift = data.draw(st.floats(0.02, 0.9))
     extra = [true[k] + shift * (true[k + 1] - true[k]) for k in doubled]
