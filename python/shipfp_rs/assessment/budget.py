@@ -13,7 +13,7 @@ from shipfp_rs.support.arguments import NotNegative, checked
 from shipfp_rs.support.files import finite
 
 FIT = "fit"
-"""Name of the contribution of noise and of the errors of the sensors' response that the fit allows for."""
+"""Name of the contribution of noise, and of the response's systematic errors that the fit allows for."""
 POWERS: Mapping[str, Mapping[str, float]] = {
     "kg m2": {"torque scale": 1.0, "speed scale": -1.0, "clock": 2.0, "gear ratio": 1.0},
     "Nm/rpm": {"torque scale": 1.0, "speed scale": -1.0, "clock": 1.0, "gear ratio": -1.0},
@@ -82,7 +82,7 @@ def budget(
     Parameters
     ----------
     fingerprint
-        Fingerprint with quantities in SI units (`fingerprint.si`). Every fingerprint has inertias in SI units;
+        Fingerprint with quantities in SI units (`fingerprint.si`). Inertias follow from the operating point alone;
         the other quantities need a vessel.
     torque_pct, zero_pct
         Standard uncertainty of the torque's scale [%], and of its zero [% of the operating torque].

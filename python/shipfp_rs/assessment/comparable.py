@@ -28,7 +28,8 @@ TORQUE_APART = 0.05
 
 
 def with_common_elements(fingerprints: Sequence[Fingerprint]) -> tuple[list[Fingerprint], list[str]]:
-    """Return fingerprints of the full ship with all elements found in any of them, refitted if necessary and possible."""
+    """Return fingerprints of the full ship with all elements found in any of them, refitted where an element is missing."""
+    # They are returned unchanged if the user gave any structure, or if one to be refitted has no experiments.
     acting = {
         name for one in fingerprints for name in TRIED if one.elements.get(name, {}).get("state") == "on"
     }

@@ -220,8 +220,8 @@ def compare(
     level
         Probability of a false alarm, over all quantities, and for the joint test.
     draws
-        Draws of both fingerprints, from which intervals and covariances are then computed; draws also represent
-        likelihoods that are not ellipsoids.
+        Draws of both fingerprints, from which intervals and covariances are then computed; draws also follow
+        curved valleys of the likelihood.
 
     Returns
     -------
@@ -418,6 +418,7 @@ def _joint(
 
 def _reached(fingerprint: Fingerprint, names: Sequence[str]) -> Array:
     """Distance of each parameter set compatible with the data from the estimate, for each quantity, shape (sets, K)."""
+    # A covariance is an ellipsoid; sets along a curve, as for delays, lie partly outside it.
     try:
         rows = [
             [values[name] if name in values else COMBINATIONS[name][1](values) for name in names]

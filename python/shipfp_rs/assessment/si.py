@@ -39,7 +39,7 @@ from shipfp_rs.vessel.torsion import Line, Seen
 from shipfp_rs.vessel.vessel import Vessel
 
 SAME_RATIO = 0.02
-"""Largest relative difference between the gear ratios of a torsional line and of its vessel; both count teeth."""
+"""Largest relative difference between the gear ratios of a torsional line and of its vessel; teeth can be counted."""
 CONTRADICTED = Sentence(
     "Known beforehand: {name} = {mean} ± {std} s; from the data alone: {value} ± {spread} s. That is {apart} standard "
     "deviations apart, more than chance: look at the drawing and its units, the place of the gauge, and the scale of the "
@@ -148,6 +148,7 @@ def vessel_priors(
     vessel: Vessel, experiments: Sequence[Experiment], std_pct: float | None
 ) -> dict[str, tuple[float, float]]:
     """Priors (mean, standard deviation) from a vessel's inertias and stiffness (eq. 3.23); none without `std_pct`."""
+    # The first experiment gives the operating point. A side of the gauge without a given inertia has no prior.
     if std_pct is None:
         return {}
     drawn = Seen(

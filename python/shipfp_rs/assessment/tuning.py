@@ -204,7 +204,7 @@ def tune(
     Parameters
     ----------
     fingerprint
-        Fingerprint of a ship whose model of the loop is not in doubt; gains may be correlated.
+        Fingerprint of a ship whose model of the loop is not in doubt; the data may determine only products of gains.
     phase_margin_deg
         Least phase margin of the linear loop [deg].
     overshoot_pct
