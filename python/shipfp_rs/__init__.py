@@ -81,11 +81,11 @@ _MODULES = ("errors", "frequency", "plot", "published", "signals", "tacho")
 
 __all__ = sorted([*_WHERE, *_MODULES, "InputError", "ShipfpError", "__version__"])
 
-getLogger(__name__).addHandler(NullHandler())  # silent until the user gives the logger "shipfp_rs" a handler
+getLogger(__name__).addHandler(NullHandler())  # no output until the user adds a handler
 
 
 def __getattr__(name: str) -> Any:
-    # Loaded on first use: importing the package costs no SciPy, pydantic or pyarrow.
+    # Modules are loaded on first use: importing the package does not load SciPy, pydantic or pyarrow.
     if name in _MODULES:
         return import_module(f"shipfp_rs.{name}")
     if name in _WHERE:

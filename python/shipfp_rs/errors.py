@@ -1,4 +1,4 @@
-"""Exceptions of the package; each message is one line: what was found, what was expected, what to do."""
+"""Exceptions of the package; each message is one line that says what was found, what was expected and what to do."""
 
 LONGEST_WORD = 300
 """Longest name that a message shows completely, in characters."""
@@ -24,7 +24,7 @@ class InputError(ShipfpError, ValueError):
 
 
 class UnknownNameError(InputError, KeyError):
-    """A name between square brackets that the object does not hold; a `KeyError`, as of any mapping."""
+    """An object indexed by name has no such entry; also a `KeyError`, as for any mapping."""
 
     __str__ = Exception.__str__
 

@@ -1,6 +1,6 @@
-"""The published tables of T. A. Martinus, "Ship fingerprinting", TU Delft, 2020, as typed rows.
+"""The published tables of T. A. Tables of Martinus, "Ship fingerprinting", TU Delft, 2020, as typed rows.
 
-Each loader returns a tuple of frozen rows in the order of the table; fields are None if nothing was printed.
+Each loader returns a tuple of frozen rows in the order of the table; a field is None if the thesis prints no value.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ Row = TypeVar("Row")
 
 @dataclass(frozen=True)
 class SineFit:
-    """One channel at one frequency of the multisine trial (Tables E.1-E.3); speeds as engine rpm.
+    """Sine fitted to one channel at one frequency of the multisine trial (Tables E.1-E.3); speeds in rpm of the engine.
 
-    Printed as a + b sin(c t - d); the data need sin(c t + d).
+    The thesis prints it as a + b sin(c t - d), but the data agree with a + b sin(c t + d).
     """
 
     signal: str
@@ -68,7 +68,7 @@ class TorquePeak(NamedTuple):
 
 @dataclass(frozen=True)
 class Result:
-    """A case of an identification: estimates and fits (Tables 5.2, 7.1); the parameters of case i were known."""
+    """Estimates and fits of one case of an identification (Tables 5.2, 7.1); case i has the known parameters."""
 
     case: str
     signal: str
@@ -84,13 +84,13 @@ class Result:
 
     @property
     def parameters(self) -> dict[str, float]:
-        """The four parameters by the names of a fingerprint."""
+        """The four parameters under their names in a fingerprint."""
         return {"tau_n": self.tau_n_s, "g": self.g, "K_p/K_i": self.kp_over_ki_s, "vK_p": self.v_kp}
 
 
 @dataclass(frozen=True)
 class CrossValidation:
-    """Fits of one case to the other experiments [%] (Tables 7.2, 7.3)."""
+    """Fits of one case's estimates to each experiment [%] (Tables 7.2, 7.3)."""
 
     case: str
     output: str
@@ -127,7 +127,7 @@ class LogFaults(NamedTuple):
 
 
 class SinePeriods(NamedTuple):
-    """Stretch of the virtual multisine, four periods of one frequency (Table 5.1)."""
+    """Stretch of the virtual multisine with four periods of one frequency (Table 5.1)."""
 
     frequency_hz: float
     begin_s: float
@@ -145,7 +145,7 @@ def set_point_calibration() -> tuple[SetPointCalibration, ...]:
 
 
 def static_torque() -> tuple[StaticTorque, ...]:
-    """Return the static torque check of the tug."""
+    """Return the tug's static torques, measured and calculated."""
     return _rows("static_torque", StaticTorque)
 
 

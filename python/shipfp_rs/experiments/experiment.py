@@ -40,7 +40,7 @@ DRIVES: Mapping[str, str] = MappingProxyType(
 )
 """Signals that are inputs of a model, with their names in words."""
 UNLOADED = 0.02
-"""Largest load, relative to the torque of the operating point, that counts as no load; its sign is then ignored."""
+"""Largest load, relative to the operating point's torque, that counts as no load; the sign of such a load is ignored."""
 TIME = "time_s"
 _FACTS = ("name", "rate_hz", "operating_point", "hold", "kind", "provenance")
 _SLIPS = {"rpm": hints.SPEED_RPM, "rev/s": hints.SPEED_RPS, "Nm": hints.TORQUE}
@@ -57,9 +57,9 @@ class Experiment(Tabular, EvenlySampled):
     rate_hz
         Sample rate [Hz], the same for every signal.
     signals
-        Name to samples, shape (N,), in the unit of `UNITS`.
+        Samples by signal name, each of shape (N,), in the units of `UNITS`.
     operating_point
-        Name to the value by which the signal is normalised, in the same unit.
+        Operating value by signal name, in the signal's unit; signals are normalised by it.
     hold
         Interpolation of the set point between samples: "first" (linear; measured signals) or "zero" (stepwise).
     kind
@@ -130,7 +130,7 @@ class Experiment(Tabular, EvenlySampled):
 
     @property
     def outputs(self) -> dict[str, Array]:
-        """Output signals, all except set point, command and load."""
+        """Output signals: all signals except set point, command and load."""
         return {name: row for name, row in self.signals.items() if name not in DRIVES}
 
     def __repr__(self) -> str:
@@ -207,7 +207,7 @@ class Experiment(Tabular, EvenlySampled):
 
     @property
     def speed_side(self) -> Literal["engine", "propeller"]:
-        """End of the shaft at which the speed is measured; a speed in rpm of the engine may come from either end."""
+        """End of the shaft at which the speed is measured; `n_e` may be measured at either end."""
         told = (self.provenance.get("speed") or {}).get("shaft")
         return "propeller" if told == "propeller" or "n_e" not in self.signals else "engine"
 
@@ -218,7 +218,7 @@ class Experiment(Tabular, EvenlySampled):
 
     @property
     def gauge_accuracy(self) -> Mapping[str, float]:
-        """Systematic relative error of each signal that remains after calibration, if given in the trial."""
+        """Relative systematic error that remains after calibration, by signal, if the trial gives it."""
         return {name: float(value) for name, value in (self.provenance.get("gauge_accuracy") or {}).items()}
 
     @property
@@ -228,7 +228,7 @@ class Experiment(Tabular, EvenlySampled):
 
     @cached_property
     def dn_set(self) -> Array:
-        """Normalised deviation of the set point (in open loop of the command), the input of simulations, shape (N,)."""
+        """Normalised deviation of the set point (in open loop: of the command), shape (N,); the input of simulations."""
         values = self.normalised(self.driver)
         values.flags.writeable = False
         return values
@@ -237,9 +237,9 @@ class Experiment(Tabular, EvenlySampled):
     def normalised(self, name: str) -> Array:
         """Return the relative deviation of a signal from its operating point, as in eq. 3.14 and following, shape (N,).
 
-        A load, which may be zero at the operating point, is divided by the torque of its own shaft at the operating point,
-        if measured: by an engine's torque times `provenance["load"]["torque_ratio"]`, or by the load itself if larger.
-        A load that is no torque is divided by its value at the operating point.
+        A load may be zero at the operating point, so it is divided by its shaft's torque at the operating point, if
+        measured. If only the engine torque is measured, the divisor is this torque times `load["torque_ratio"]` of the
+        provenance, or the load itself if larger. A load that is not a torque is divided by its own operating value.
         The integrated error E_n is zero at the operating point. It is divided by `operating_point["E_n"]`, the engine
         speed in rev/s, which makes d(dE)/dt = dn_set - dn (eq. 3.15).
 
@@ -256,22 +256,22 @@ class Experiment(Tabular, EvenlySampled):
         value = self.operating_point[name]
         if name == "M_load":
             torque = self._load_torque() or value
-            # The scale has the load's sign: the magnitude of a negative load rises when its signal falls.
+            # The scale has the load's sign, so that a growing magnitude is positive for a negative load, too.
             scale = math.copysign(torque, value if abs(value) > UNLOADED * abs(torque) else 1.0)
             return np.asarray((samples - value) / scale)
         return np.asarray(samples / value - (0.0 if name == "E_n" else 1.0))
 
     def _load_torque(self) -> float | None:
-        """Torque of the load's shaft at the operating point; None if unknown, or if the load is no torque."""
+        """Torque of the load's shaft at the operating point; None if unknown, or if the load is not a torque."""
         torque, told = _torque_point(self.signals, self.operating_point), self.provenance.get("load", {})
         if torque is None or told.get("quantity") == "other" or {"M_s", "M_g"} & set(self.signals):
             return None if told.get("quantity") == "other" else torque
-        # At rest, no load is larger than the torque of its shaft, where the gear ratio is not known.
+        # A steady load is at most its shaft's torque, so it replaces a smaller torque, as for an unknown gear ratio.
         return float(max(abs(torque) * told.get("torque_ratio", 1.0), abs(self.operating_point["M_load"])))
 
     @property
     def load(self) -> dict[str, Any]:
-        """Quantity of the measured load if known, and its share of the shaft's torque at the operating point; else empty."""
+        """Quantity of the measured load (None: unknown), and its share of its shaft's torque; empty without a load."""
         if not (point := self.operating_point.get("M_load")) or "M_load" not in self.signals:
             return {}
         told = self.provenance.get("load", {}).get("quantity")
@@ -311,7 +311,7 @@ class Experiment(Tabular, EvenlySampled):
         start_s, stop_s
             Time from the first sample [s].
         name
-            Label; None: unchanged.
+            Label of the result; None: unchanged.
 
         Raises
         ------
@@ -333,13 +333,13 @@ class Experiment(Tabular, EvenlySampled):
 
 
 def _torque_point(signals: Mapping[str, Any], operating_point: Mapping[str, float]) -> float | None:
-    """Torque of the operating point, if measured; preferably the shaft torque, the one that a load changes directly."""
+    """Operating point's torque, if measured; the shaft torque comes first, since a load changes it directly."""
     measured = (name for name in ("M_s", "M_g", "M_b") if name in signals and name in operating_point)
     return next((operating_point[name] for name in measured), None)
 
 
 def _means(signals: Mapping[str, Array]) -> dict[str, float]:
-    """Operating point of signals without one: their means; that of the integrated error E_n is the speed [rev/s]."""
+    """Operating point from the signals' means; for the integrated error E_n, the engine speed [rev/s]."""
     means = {
         name: float(np.nanmean(row))
         for name, row in signals.items()
@@ -367,7 +367,7 @@ def _rate(name: str, time: Array) -> float:
 
 
 def _require_sense(label: str, signals: Mapping[str, Array], operating_point: Mapping[str, float]) -> None:
-    """Raise an error for signals in another unit than their operating point, and for normalised signals."""
+    """Raise an error for a signal in another unit than its operating point, or already normalised."""
     for name, value in operating_point.items():
         if name == "M_load" and _torque_point(signals, operating_point) is not None:
             continue

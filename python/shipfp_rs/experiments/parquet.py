@@ -1,4 +1,4 @@
-"""Experiments as tables: Parquet files with a row per sample, and frames of pandas."""
+"""Experiments as tables: Parquet files with one row per sample, and pandas data frames."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ Frame = Annotated[Any, Rule("a pandas.DataFrame", is_frame)]
 
 
 def of_frames(data: Any) -> Any:
-    """Return data with experiments instead of frames."""
+    """Return the data with each frame replaced by an experiment."""
     if is_frame(data):
         return experiment_of(data)
     if isinstance(data, Sequence):
@@ -52,8 +52,8 @@ def experiment_of(frame: Frame) -> Experiment:
     Returns
     -------
     Experiment
-        Experiment whose operating point is the signals' means. A frame from `Experiment.to_pandas` keeps its stored
-        operating point.
+        Experiment whose operating point is the means of its signals; a frame from `Experiment.to_pandas` keeps its
+        stored operating point.
 
     Raises
     ------
@@ -89,7 +89,7 @@ METADATA_KEY = b"shipfp_experiments"
 
 @checked
 def write_experiments(path: str | Path, experiments: Sequence[Experiment]) -> Path:
-    """Write experiments to a Parquet file for any reader; the file is written completely or not at all.
+    """Write experiments to a Parquet file that any Parquet reader can open; the file is written completely or not at all.
 
     Columns are `experiment`, `time_s` and the signals, with units in the field metadata. Masked samples are NaN; the
     column of a signal that an experiment does not have is null. Rate, operating point, hold, kind and provenance are
@@ -142,7 +142,7 @@ def write_experiments(path: str | Path, experiments: Sequence[Experiment]) -> Pa
 
 @checked
 def read_experiments(path: str | Path) -> tuple[Experiment, ...]:
-    """Read experiments from a file of `write_experiments`.
+    """Read experiments from a file that `write_experiments` wrote.
 
     Raises
     ------

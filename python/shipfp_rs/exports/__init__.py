@@ -1,4 +1,4 @@
-"""Hand-over of a fingerprint to other tools: FMU, Simulink, python-control, and governor cards of power-system tools."""
+"""Exports of a fingerprint to other tools: FMU, Simulink, python-control, and governor cards for power-system tools."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ ship = control.ss(A, B, C, D, inputs=["dn_set"], outputs={outputs}, name={name!r
 
 
 def files_of(to: Target, out: str | Path | None) -> list[Path]:
-    """Return the files of an export, the one with the given or usual name first."""
+    """Return the files of an export; the first has the given or the default name."""
     suffix = SUFFIXES[to]
     path = ending_in(out or f"{to if suffix == '.dyr' else 'ship'}{suffix}", suffix)
     return [path, path.with_suffix(".mat")] if to == "simulink" else [path]
@@ -52,8 +52,8 @@ def export(fingerprint: Fingerprint | str | Path, to: Target, out: str | Path | 
         A fingerprint, or the path of a `fingerprint.json`.
     to
         "fmu": a co-simulation FMU (FMI 2.0) of the nonlinear ship, with set point [rpm] and measured load [Nm] as inputs,
-        speed and torque in the units of the measured signals as outputs, and the parameters. It needs the extra `fmu`, and
-        CPython 3.10 or later where it runs.
+        speed and torque in the units of the measured signals as outputs, and the parameters. The export needs the extra
+        `fmu`, and the FMU needs CPython 3.10 or later where it runs.
         "simulink": a MATLAB script that builds the same ship, and a MAT file beside it with the parameters.
         "control": a Python script with the linearised ship as a python-control state space; see `Fingerprint.to_ss`.
         "degov", "ggov1": the governor as a card for power-system tools, in the format of PSS/E's .dyr files.
@@ -68,12 +68,12 @@ def export(fingerprint: Fingerprint | str | Path, to: Target, out: str | Path | 
     Raises
     ------
     InputError
-        If the fingerprint has no value of what the target needs, or an element that the target can't express.
+        If the fingerprint lacks a value that the target needs, or has an element that the target can't express.
 
     Notes
     -----
-    FMU and Simulink have the equations of `Fingerprint.simulate`, from rest at the operating point, but for the delays of
-    the sensors.
+    FMU and Simulink model have the equations of `Fingerprint.simulate`, without the sensors' delays. They start from
+    rest at the operating point.
 
     Examples
     --------

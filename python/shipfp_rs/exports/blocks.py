@@ -1,6 +1,6 @@
 """The ship of a fingerprint as a block diagram, and its simulation step by step.
 
-A Functional Mock-up Unit contains this text, so it needs the standard library alone.
+A Functional Mock-up Unit contains this module's text, so the module imports only the standard library.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 
 class Block(NamedTuple):
-    """A block: the names of its inputs, and its value as an expression of parameters."""
+    """A block with the names of its inputs, and its value as an expression of parameters."""
 
     name: str
     kind: str
@@ -28,13 +28,13 @@ LONGEST_S = 1e-3
 FOLLOWS_S = 1e-4
 """Time constant with which a rate limiter follows its input below the limit [s]."""
 SIDE_S = 1e-9
-"""Distance from an instant at which its left and right limits are read [s]."""
+"""Distance before and after an instant at which its left and right limits are read [s]."""
 HELD = 0.5773502691896258
-"""Gauss points of a sampling governor's hold, over half the hold."""
+"""Distance of the two Gauss points from the middle of a sampling governor's hold, over half the hold."""
 
 
 def _governed(q: Mapping[str, float], add: Callable[..., str]) -> str:
-    """Add governor and actuator, and return the rack."""
+    """Add the blocks of governor and actuator, and return the name of the rack's block."""
     speed, gains = "speed", {name: f"v{name}" if f"v{name}" in q else name for name in ("K_p", "K_i", "K_d")}
     asked = add("set point", "gain", add("n_set", "input", value="n_set_0"), value="1/n_set_0")
     asked = add("set point deviation", "bias", asked, value="-1")
@@ -46,7 +46,7 @@ def _governed(q: Mapping[str, float], add: Callable[..., str]) -> str:
     error = add("error", "sum", asked, seen, value="+-")
     less, summed = "", error
     if "droop" in q:
-        # A set point that falls with the command makes the gains smaller, and the integral fades.
+        # Droop lowers the set point with the command: the gains become smaller, and the integral decays.
         droop = "droop*v" if "v" in q else "droop"
         less = f"/(1+{droop}*{gains['K_p']})"
         error = add("drooped error", "gain", error, value=f"1{less}")
@@ -82,10 +82,7 @@ def _governed(q: Mapping[str, float], add: Callable[..., str]) -> str:
 
 
 def ship_blocks(q: Mapping[str, float], *, gauge: bool, loaded: bool) -> list[Block]:
-    """Return the blocks of a ship: signals are deviations over the operating point; only elements in `q` have blocks.
-
-    "n_set" and "load" are the inputs, "speed", "propeller speed" and "torque" the outputs.
-    """
+    """Return a ship's blocks, for the elements in `q`; their signals are deviations relative to the operating point."""
     found: list[Block] = []
 
     def add(name: str, kind: str, *inputs: str, value: str = "") -> str:
@@ -144,12 +141,12 @@ CODE = {
     "lag": "({0} - {state}) / {value}",
     "rate": "min(max(({0} - {state}) / FOLLOWS_S, -{value}), {value})",
 }
-"""Python of a block, or of the derivative of its state."""
+"""Python expression of a block's output or, for a block with a state, of the state's derivative."""
 STATES = ("integrator", "lag", "rate")
 
 
 def limited(torque: float, most: float, softness: float = 0.0) -> float:
-    """Return a torque below a limit, whose corner may be soft, as the package's stepper rounds it."""
+    """Return a torque limited to `most`, with the corner rounded by `softness` as in the package's stepper."""
     z = (most - torque) / softness if softness else inf if torque <= most else -inf
     if abs(z) > 40.0:
         return min(torque, most)
@@ -158,7 +155,7 @@ def limited(torque: float, most: float, softness: float = 0.0) -> float:
 
 
 class Delay:
-    """Past values of a signal, with its jumps."""
+    """Past values of a signal, including both values at each jump."""
 
     def __init__(self, late: float) -> None:
         self.late = late
@@ -173,7 +170,7 @@ class Delay:
             del self.times[:first], self.values[:first]
 
     def read(self, time: float) -> float:
-        """Return the delayed value; a delay shorter than a step continues the last slope."""
+        """Return the delayed value; for a delay shorter than a step, it is extrapolated with the last slope."""
         time -= self.late
         after = min(bisect_right(self.times, time), len(self.times) - 1)
         t, end, since, start = (
@@ -188,10 +185,10 @@ class Delay:
 
 
 class Model:
-    """A block diagram from rest, advanced by steps of Runge and Kutta's fourth order; jumps are met exactly."""
+    """Simulation of a block diagram from rest by the fourth-order Runge-Kutta method; steps end exactly at jumps."""
 
     def __init__(self, blocks: Sequence[Block], parameters: Mapping[str, float]) -> None:
-        """Raise `ValueError` if a block's output depends on itself at once."""
+        """Raise `ValueError` for an algebraic loop."""
         known = {name: float(value) for name, value in parameters.items()}
         self.inputs = {one.name: known[one.value] for one in blocks if one.kind == "input"}
         self.delays = {
@@ -249,7 +246,7 @@ class Model:
         return found
 
     def _jump(self, before: list[float]) -> None:
-        """Keep the delays' inputs on both sides of the present, and stop where a jump arrives."""
+        """Store the delays' inputs just before and after the present time, and add a stop where a jump will arrive."""
         after = self._at(SIDE_S)[1]
         for delay, start, end in zip(self.delays.values(), before, after, strict=True):
             delay.keep(self.time, start)
@@ -258,7 +255,7 @@ class Model:
                 heappush(self.stops, self.time + delay.late)
 
     def feed(self, **inputs: float) -> None:
-        """Set inputs from the present on."""
+        """Set inputs from the present time on."""
         before = self._at(-SIDE_S)[1]
         self.inputs.update(inputs)
         self._jump(before)
@@ -292,13 +289,13 @@ class Model:
         self.state = [x + h / 6.0 * (a + 2.0 * (b + c) + d) for x, a, b, c, d in slopes]
 
     def signals(self) -> dict[str, float]:
-        """Return every block's output at the present."""
+        """Return every block's output at the present time."""
         found: dict[str, float] = self._signals(self.state, self.inputs, self._late(self.time - SIDE_S))
         return found
 
 
 def _rates(q: Mapping[str, float]) -> list[float]:
-    """Return the fastest rates of a ship's elements [1/s]."""
+    """Return the rates of a ship's fast elements [1/s], which limit the step."""
     rates = [1.0 / q[name] for name in LAGS if name in q]
     if "tau_twist" in q:
         light = 1.0 / (q["tau_n"] - q["tau_prop"]) + 1.0 / q["tau_prop"]

@@ -1,6 +1,6 @@
 """The governor of a fingerprint as DEGOV and GGOV1 cards, in the format of PSS/E's .dyr files.
 
-Fields and their order: PSS/E's model library as published by PowerWorld ("Governor DEGOV", "Governor GGOV1"),
+Source of the fields and their order: PSS/E's model library as published by PowerWorld ("Governor DEGOV", "Governor GGOV1"),
 PowerSystems.jl (`DEGOV`, `GeneralGovModel`) and OpenIPSL (`Electrical.Controls.PSSE.TG.GGOV1`).
 """
 
@@ -20,14 +20,14 @@ from shipfp_rs.structures.transfer import DERIVATIVE_FILTER
 HIGH = 99.0
 """Limit that never acts."""
 HEADROOM = 2.0
-"""Fuel torque at the full valve where no limit was found, over the operating point's."""
+"""Assumed fuel torque at the open valve, relative to the operating point's, if the data show no torque limit."""
 NEEDED = ("vK_p", "vK_i", "vK_d", "K_p", "K_i", "K_d", "v", "g", "T_d", "tau_act", "T_f", "tau_eng", "droop")
 """Parameters that a card holds."""
 Values = dict[str, float]
 
 
 def _governor(fingerprint: Fingerprint) -> tuple[Values, list[str]]:
-    """Return the governor's parameters, and comments on the base; `InputError` for one that is not known."""
+    """Return the governor's parameters, and comments on the base; `InputError` for an unknown parameter."""
     require_known(fingerprint)
     _, known = loop_of(Structure.from_dict(fingerprint.structure), fingerprint.optimum)
     for name, one in fingerprint.parameters.items():
@@ -72,16 +72,8 @@ def _card(name: str, fields: dict[str, float], notes: list[str]) -> str:
 
 
 def degov(fingerprint: Fingerprint) -> str:
-    """Return the DEGOV card: K (1 + T3 s)(1 + T4 s) exp(-s TD) / (s (1 + T1 s + T1 T2 s^2)(1 + T5 s)(1 + T6 s)).
-
-    A PI governor with lags and dead time has this form exactly. A derivative gain needs K_p^2 >= 4 K_i K_d, since the
-    card's zeros are real.
-
-    Raises
-    ------
-    InputError
-        If a gain is not known, or the zeros are complex.
-    """
+    """Return the DEGOV card: K (1 + T3 s)(1 + T4 s) exp(-s TD) / (s (1 + T1 s + T1 T2 s^2)(1 + T5 s)(1 + T6 s))."""
+    # A PI governor with lags and dead time has this form exactly; a PID governor has it if its zeros are real.
     q, notes = _governor(fingerprint)
     if q["droop"]:
         raise InputError(f"droop: found {q['droop']:.4g}, expected none, since a DEGOV has none; use GGOV1")
@@ -113,23 +105,15 @@ def degov(fingerprint: Fingerprint) -> str:
 
 
 def ggov1(fingerprint: Fingerprint) -> str:
-    """Return the GGOV1 card: a PID governor, rate-limited actuator, dead time and lag; load and acceleration limiters off.
-
-    GGOV1 has no filter of the speed: T_f is added to the turbine's lag Tb, which is exact where the engine has no lag of
-    its own.
-
-    Raises
-    ------
-    InputError
-        If a gain is not known, or the engine's torque rises with the speed.
-    """
+    """Return the GGOV1 card: a PID governor, rate-limited actuator, dead time and lag; no load or acceleration limiter."""
+    # GGOV1 has no speed filter: T_f is added to the turbine's lag Tb, which is exact if the engine has no lag.
     q, notes = _governor(fingerprint)
     if q["g"] > 0.0:
         raise InputError(
             f"g: found {q['g']:.4g}, expected zero or less, since Dm below zero has another meaning; use DEGOV"
         )
     most = min(q["M_max"], HIGH) if q["M_max"] < inf else HEADROOM
-    # Rselect -2: the droop's feedback is the governor's own output, which is the fuel's torque over Kturb.
+    # Rselect -2: the droop's feedback is the governor's output, which is the fuel torque over Kturb.
     fields = {
         "Rselect": -2 if q["droop"] else 0,
         "Flag": 1,

@@ -1,4 +1,4 @@
-"""What a block diagram needs of a fingerprint: acting parameters, operating point, names of the signals."""
+"""Data of a fingerprint for a block diagram: parameters that act, operating point, names of the signals."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from shipfp_rs.structures.ship import KERNEL, ShipEquations
 from shipfp_rs.structures.structure import Structure
 
 LEAST_S = 1e-4
-"""Lag or dead time below which it is left out: its effect on the speed is below 1e-4 of a step [s]."""
+"""Lag or dead time [s] below which it is omitted: its effect on the speed is then below 1e-4 of a step."""
 UNITS = {"n_e": "rpm", "n_set": "rpm", "n_s": "rev/s"}
-"""Units of the signals that are no torque [Nm]."""
+"""Units of the signals that are not torques; torques are in Nm."""
 
 
 def require_known(fingerprint: Fingerprint) -> None:
-    """Raise `InputError` for a fingerprint without values of its drive and governor."""
+    """Raise `InputError` for a fingerprint without usable values of drive and governor."""
     if not fingerprint.engine_described:
         raise InputError(
             "fingerprint: found the load alone, expected gains too; see its verdict for the trial that tells them"
@@ -40,22 +40,15 @@ class Drive:
     blocks: tuple[Block, ...]
     parameters: dict[str, float]
     inputs: dict[str, str]
-    """Block of each input to its signal, as "n_set" to "n_set"."""
+    """Signal of each input block, such as "M_load" of "load"."""
     outputs: dict[str, str]
-    """Block of each output to its signal, as "speed" to "n_e", whose operating point is the parameter "n_e_0"."""
+    """Signal of each output block, such as "n_e" of "speed"; its operating point is the parameter "n_e_0"."""
     undetermined: tuple[str, ...]
     """Parameters that the data determine only together with others."""
 
     @classmethod
     def of(cls, fingerprint: Fingerprint) -> Drive:
-        """Return the ship of a fingerprint.
-
-        Raises
-        ------
-        InputError
-            For a structure that is no ship with a governor, a value or operating point that is not known, or a governor
-            with a clock.
-        """
+        """Return a fingerprint's ship; `InputError` if it is no ship with a continuous governor, or a value is unknown."""
         require_known(fingerprint)
         structure = Structure.from_dict(fingerprint.structure)
         equations, row = structure.equations, fingerprint.data[0] if fingerprint.data else {}

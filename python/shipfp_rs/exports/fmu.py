@@ -57,13 +57,7 @@ class Ship(Fmi2Slave):
 
 
 def write_fmu(drive: Drive, path: Path) -> Path:
-    """Write a ship as an FMU.
-
-    Raises
-    ------
-    InputError
-        If PythonFMU is not installed, or the file can't be written.
-    """
+    """Write a ship as an FMU; `InputError` if PythonFMU is not installed, or the file can't be written."""
     package("pythonfmu", extra="fmu")
     named = [*drive.parameters, *drive.inputs.values(), *drive.outputs.values()]
     text = Path(blocks.__file__).read_text(encoding="utf-8") + SLAVE.format(
@@ -75,12 +69,12 @@ def write_fmu(drive: Drive, path: Path) -> Path:
         inputs=drive.inputs,
         outputs=drive.outputs,
     )
-    # A name of its own, since all FMUs of a tool share one interpreter, which would take two modules of a name for one.
+    # The module's name is unique: all FMUs of a tool share one interpreter, which loads a module of one name only once.
     script = f"ship_{sha256(text.encode()).hexdigest()[:16]}.py"
     with tempfile.TemporaryDirectory() as folder:
         made = Path(folder) / "ship.fmu"
         (Path(folder) / script).write_text(text, encoding="utf-8")
-        # In a process of its own, since PythonFMU imports the script and leaves it imported.
+        # PythonFMU runs in a separate process, since it imports the script and leaves it imported.
         words = [sys.executable, "-m", "pythonfmu", "build", "-f", script, "-d", str(made)]
         run = subprocess.run(words, cwd=folder, capture_output=True, text=True, check=False)
         if run.returncode or not is_zipfile(made):

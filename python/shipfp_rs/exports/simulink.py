@@ -30,17 +30,11 @@ LIBRARY: dict[str, tuple[str, dict[str, str]]] = {
     "integrator": (f"{CONTINUOUS}/Integrator", {"InitialCondition": "0"}),
     "output": (f"{PORTS}/Out1", {}),
 }
-"""Library block and its dialog's parameters, by kind."""
+"""Simulink library block and its dialog parameters, by kind of block."""
 
 
 def write_simulink(drive: Drive, path: Path) -> Path:
-    """Write the script, and the MAT file of the same name beside it.
-
-    Raises
-    ------
-    InputError
-        If the file's name is not valid for a MATLAB script, or a file can't be written.
-    """
+    """Write the script and a MAT file of the same name; `InputError` for a name that MATLAB does not accept."""
     if not path.stem.isidentifier() or not path.stem.isascii():
         raise InputError(
             f"{path}: found the name {path.stem!r}, expected letters, digits and _, as MATLAB's scripts have"

@@ -34,14 +34,14 @@ def draw(fingerprints: Mapping[str, Fingerprint], draws: Mapping[str, Draws] | N
     Parameters
     ----------
     fingerprints
-        Up to five fingerprints of one linear structure, by label.
+        One to five fingerprints of one linear structure, by label.
     draws
-        Draws of some of them, whose scatter is the band; that of the others is their covariance's.
+        Parameter draws of some fingerprints; their scatter is the band. The other bands follow from the covariance.
 
     Raises
     ------
     InputError
-        For none or more than five, or if a structure is not linear.
+        If there is no fingerprint or more than five, or a structure is not linear.
     """
     from matplotlib.figure import Figure
 
@@ -96,9 +96,9 @@ def _dress(panels: Sequence[Axes], output: str, *, first: bool) -> None:
 
 
 FAR = 1000.0
-"""Largest distance of an interval's end from the reference [%] that is written as a number."""
+"""Distance of an interval's end from the reference [%] beyond which the end is not written as a number."""
 EVEN_PCT, LEAST_PCT, MOST_PCT = 1.0, 40.0, 300.0
-"""End of the axis's linear part, beyond which it is logarithmic, and least and greatest end of the whole axis [%]."""
+"""End of the axis's linear part, and least and greatest end of the whole axis [%]; between them it is logarithmic."""
 TICKS_PCT = (1.0, 5.0, 25.0, 200.0)
 STATES: Mapping[str, tuple[str, str]] = {
     "known well": (BLUE, "o"),
@@ -117,11 +117,11 @@ def intervals(
 ) -> Axes:
     """Draw the 95 % intervals of parameters and combinations relative to the truth, or else to the estimate.
 
-    Distances are in per cent of the reference, at least of 0.05 s, or 0.5 for a parameter without unit: a delay near
-    zero that is known to a millisecond counts as known well. The axis is linear up to 1 % and logarithmic above. Colour
-    and mark show whether half the interval is within 25 %, within 200 %, or larger, and whether the interval misses the
-    truth. Undetermined parameters have no interval and are omitted. An end of an interval beyond 300 % is drawn as an
-    arrow at the edge of the axes, with the value of the end above it.
+    Distances are in per cent of the reference, or of 0.05 s (0.5 for a parameter without unit) if that is larger: a
+    delay near zero with an error of a millisecond counts as known well. The axis is linear up to 1 % and logarithmic
+    above. Colour and mark show whether half the interval is within 25 %, within 200 %, or larger, and whether the
+    interval misses the truth. Undetermined parameters have no interval and are omitted. An end of an interval beyond
+    300 % is drawn as an arrow at the edge of the axes, with the value of the end above it.
 
     Parameters
     ----------
@@ -206,7 +206,7 @@ def likelihood(found: Likelihood, ax: Axes | None = None) -> Axes:
     -------
     Axes
     """
-    # Import here, since this module loads SciPy, which other plots do not need.
+    # Imported here, since the module loads SciPy, which other plots do not need.
     from shipfp_rs.assessment.profile_likelihood import LEVEL
 
     (ax,) = panels_of(None if ax is None else [ax], 1)
@@ -215,7 +215,7 @@ def likelihood(found: Likelihood, ax: Axes | None = None) -> Axes:
     ax.plot(found.values[finite], found.deviance[finite], ".-", color=color, lw=1.2, ms=4, label=found.kind)
     ax.axhline(LEVEL, color=GREY, lw=1.0, ls="--", label="95 %")
     ax.axvline(found.value, color=GREY, lw=0.8)
-    # The limit keeps the curve within the interval visible beside a steep rise.
+    # The limit keeps the curve legible within the interval, even if it rises steeply outside.
     ax.set_ylim(-0.1, 3.0 * LEVEL)
     ax.set_xlabel(f"{found.name} [{found.unit}]")
     dress(ax, "deviance [-]")
@@ -224,10 +224,10 @@ def likelihood(found: Likelihood, ax: Axes | None = None) -> Axes:
 
 @checked
 def correlogram(fingerprint: Fingerprint, output: str, axes: Sequence[Axes] | None = None) -> Sequence[Axes]:
-    """Draw the autocorrelation of an output's whitened residuals, and their correlation with the set point, by lag.
+    """Draw an output's whitened residuals' autocorrelation and their correlation with the set point over the lag.
 
-    The band contains 95 % of the correlations of white noise that is independent of the set point, as the residuals of
-    a correct model are (Ljung 1999, section 16.6).
+    The residuals of a correct model are white and independent of the set point. The band contains 95 % of the
+    correlations of such noise (Ljung 1999, section 16.6).
 
     Parameters
     ----------
@@ -269,8 +269,8 @@ def correlogram(fingerprint: Fingerprint, output: str, axes: Sequence[Axes] | No
         ax.axhline(0.0, color=GREY, lw=0.8)
         dress(ax, labels[kind], legend=ax is panels[0])
         ax.set_xlabel(f"lag [{unit}]")
-    # The residuals are correlated with the set point at geometrically spaced lags, since an unmodelled response may be fast
-    # or slow. The lag axis is logarithmic for this reason.
+    # Lags to the set point are geometrically spaced, and their axis is logarithmic,
+    # since an unmodelled response may be fast or slow.
     panels[-1].set_xscale("symlog", linthresh=step, linscale=0.5)
     panels[-1].set_xlim(-0.5 * step, 1.2 * max(lags[-1], step))
     panels[-1].xaxis.set_major_formatter("{x:g}")
@@ -279,7 +279,7 @@ def correlogram(fingerprint: Fingerprint, output: str, axes: Sequence[Axes] | No
 
 
 def _write_end(ax: Axes, end: float, edge: float, place: int, color: str) -> None:
-    """Write the end of an interval [%] above its arrow; for an end beyond `FAR`, write `FAR` with ">" or "<"."""
+    """Write an interval's end [%] above its arrow; beyond `FAR`, write `FAR` with ">" or "<"."""
     shown = f"{end:+.3g} %" if abs(end) < FAR else f"{'>' if end > 0.0 else '<'} {np.sign(end) * FAR:+.0f} %"
     side: Literal["left", "right"] = "right" if edge > 0.0 else "left"
     inwards = -8.0 if edge > 0.0 else 8.0

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from shipfp_rs.identification.fingerprint import Fingerprint
 
 MARKS = "osD^v"
-"""Marks of successive windows in one plot."""
+"""Markers of successive windows in one plot."""
 
 
 @checked
@@ -34,8 +34,8 @@ def bode(
     Parameters
     ----------
     measured
-        Points, with bars of two standard deviations if these are known. For a fingerprint, the points of the first
-        fitted experiment, with the model's curve.
+        Measured response, drawn as points, with bars of two standard deviations if these are known. For a fingerprint,
+        the points of the first fitted experiment and the model's curve.
     model
         The model's response at ascending frequencies; measured phases are shifted by whole turns to match its phase.
     axes
@@ -62,7 +62,7 @@ def bode(
 def windows(
     pairs: Sequence[tuple[FrequencyResponse, FrequencyResponse]], axes: Sequence[Axes]
 ) -> Sequence[Axes]:
-    """Draw the measured responses of several windows in one plot, with a mark each, and the model's curves."""
+    """Draw the measured responses of several windows in one plot, each with its own marker, and the model's curves."""
     for place, (measured, model) in enumerate(pairs):
         _points_and_curves(measured, model, axes, MARKS[place % len(MARKS)], several=len(pairs) > 1)
     _dress_bode(*axes)
@@ -81,7 +81,7 @@ def _points_and_curves(
     amplitude, phase = axes
     for row, (name, response) in enumerate(measured.response.items()):
         symbol = LABELS[name].split()[-1]
-        line = "--" if row else "-"  # colour alone does not tell signals apart
+        line = "--" if row else "-"  # so that signals differ not only by colour
         color, size, angle = COLOURS[name], np.abs(response), _phase(response)
         if model is not None:
             curve, label = (
@@ -95,9 +95,9 @@ def _points_and_curves(
         bars = angle_bars = None
         if name in measured.amplitude_std:
             reach = 2.0 * measured.amplitude_std[name]
-            # Lower bars end at a tenth of the value, since a logarithmic axis has no zero.
+            # The lower bar ends at or above a tenth of the value, since a logarithmic axis has no zero.
             bars = size * np.array([np.minimum(reach, 0.9), reach])
-            # An unknown phase gets a bar of half a turn in either direction.
+            # The bar of an unknown phase is half a turn in either direction.
             angle_bars = np.minimum(np.degrees(2.0 * measured.phase_std[name]), 180.0)
         style: dict[str, Any] = {"color": color, "fmt": mark, "ms": 4, "lw": 1.0, "capsize": 2}
         style["mfc"] = "none" if row else color

@@ -1,4 +1,4 @@
-"""Map of a governor's gains: for which of them nearly all ships that the data allow meet the limits."""
+"""Map of the share of ships consistent with the data that meet the limits, over a governor's gains."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ if TYPE_CHECKING:
 
 @checked
 def gains(advice: Tuning, ax: Axes | None = None) -> Axes:
-    """Plot the share of ships that meet the limits over the factors on today's gains.
+    """Plot the share of ships that meet the limits over the factors by which today's gains are multiplied.
 
     Parameters
     ----------
     advice
         Result of `tune`.
     ax
-        Axes; None makes a figure.
+        Axes; None: new ones.
 
     Returns
     -------

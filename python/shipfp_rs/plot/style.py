@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 BLUE, ORANGE, GREEN, PURPLE, GREY, RED = "#3f7fbf", "#d9822b", "#4b9b6b", "#9b6fb5", "#8a8f98", "#cf4d4d"
 BROWN = "#9a6b3f"
 SET_POINT = GREEN
-"""Colour of set points, which no other line in the same panel has."""
+"""Colour of set points; no other line in the same panel has it."""
 LABELS: Mapping[str, str] = {
     "n_set": "set point $n_{set}$",
     "command": "command",
@@ -41,7 +41,7 @@ QUANTITIES: Mapping[str, str] = {
     "mm": "fuel rack [mm]",
     "rev": "integrated error [rev]",
 }
-"""Axis label of each unit; signals of one unit share a panel."""
+"""Axis label by unit; signals of one unit share a panel."""
 COLOURS: Mapping[str, str] = {
     "n_set": SET_POINT,
     "command": GREY,
@@ -58,7 +58,7 @@ REFLECTORS = (BLUE, ORANGE, GREEN, PURPLE, GREY, RED)
 COMPARED = (BLUE, ORANGE, GREEN, PURPLE, RED)
 LEGEND_COLUMNS = 5
 LETTER_PT, HANDLE_PT = 5.0, 40.0
-"""Width of a letter of a legend, and of a line's sample with its gaps, at the usual size of 10 points."""
+"""Widths in a legend [pt] at the usual font size of 10 points: of a letter, and of a line's sample with its gaps."""
 ENVELOPE_BINS = 1000
 """Number of stretches whose extremes are drawn for a long signal."""
 
@@ -92,7 +92,7 @@ def envelope(time: Array, samples: npt.ArrayLike, bins: int = ENVELOPE_BINS) -> 
 
 
 def panels_of(axes: Sequence[Axes] | None, count: int, *, sharex: bool = False) -> Sequence[Axes]:
-    """Return the given axes, of which there must be `count`, or `count` new axes below each other."""
+    """Return the given axes, which must be `count`, or `count` new axes below each other."""
     if axes is None:
         from matplotlib import pyplot
 
@@ -116,7 +116,7 @@ def plain_numbers(ax: Axes) -> None:
 
 
 def _columns(ax: Axes) -> int:
-    """Number of a legend's columns that fit the width of the figure."""
+    """Number of columns of a legend that fits the width of the figure."""
     from matplotlib import rcParams
 
     labels = [re.sub(r"\\\w+|[${}^_]", "", label) for label in ax.get_legend_handles_labels()[1]]
@@ -137,7 +137,7 @@ def dress(ax: Axes, ylabel: str, *, legend: bool = True) -> None:
     ax.set_axisbelow(True)
     plain_numbers(ax)
     if legend:
-        # Above the panel, beside the title, the legend can't cover a signal.
+        # The legend is above the panel, beside the title, where it can't cover a signal.
         ax.legend(
             loc="lower right",
             bbox_to_anchor=(1.0, 1.0),

@@ -38,10 +38,10 @@ if TYPE_CHECKING:
 def pulse_intervals(
     pulses: PulseTimes, pulses_per_rev: int, angles: ReflectorAngles | None = None, ax: Axes | None = None
 ) -> Axes:
-    """Draw each interval between pulses relative to an equal division of its turn.
+    """Draw each interval between pulses relative to its turn's duration over the number of reflectors.
 
-    At steady speed the intervals lie on one line per reflector. A missed or extra pulse is a cross at the edge; from
-    there on, the colours of the reflectors are shifted.
+    At steady speed the intervals lie on one line per reflector. A missed or extra pulse is a cross at the edge; after
+    it, the colours of the reflectors are shifted.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ def pulse_intervals(
     pulses_per_rev
         Number of reflectors.
     angles
-        Estimated spacings, drawn as lines.
+        Estimated spacings of the reflectors, drawn as lines.
     ax
         Axes; None: new ones.
 
@@ -70,12 +70,12 @@ def pulse_intervals(
     # SciPy is needed only for this plot.
     from scipy.ndimage import median_filter, uniform_filter1d
 
-    # Median over nearby turns: a wrong pulse does not affect the duration of the turn it is compared with.
+    # With the median over nearby turns, a wrong pulse does not change the turn's duration it is compared with.
     period = np.diff(times)
     share = median_filter(uniform_filter1d(period, pulses_per_rev), 4 * pulses_per_rev + 1)
     deviation = 100.0 * (period / share - 1.0)
     place = np.arange(len(period)) % pulses_per_rev
-    # A few wrong pulses are marked at the edge; the scale fits the other intervals.
+    # The scale fits most intervals; the few beyond it, of wrong pulses, are marked at the edge.
     reach = max(2.0 * float(np.percentile(np.abs(deviation), 98)), 0.1)
     beyond = np.abs(deviation) > reach
     for reflector in range(pulses_per_rev):
@@ -105,7 +105,7 @@ def signals(experiment: Experiment | Excitation, axes: Sequence[Axes] | None = N
     Parameters
     ----------
     experiment
-        The signals; of an excitation, the deviation of the set point.
+        Experiment with the signals, or an excitation, of which the deviation of the set point is drawn.
     axes
         One per unit of the signals; None: new ones.
 
@@ -128,7 +128,7 @@ def signals(experiment: Experiment | Excitation, axes: Sequence[Axes] | None = N
         masked = np.zeros(len(experiment), dtype=bool)
         for name, samples in experiment.signals.items():
             if UNITS[name] == unit:
-                # An input, and a signal whose colour another one has, is dashed.
+                # An input, or a signal whose colour another line in the panel has, is dashed.
                 seen = name in DRIVES or COLOURS[name] in [line.get_color() for line in ax.lines]
                 drawn, dashes = envelope(time, samples), "--" if seen else "-"
                 ax.plot(*drawn, dashes, color=COLOURS[name], lw=1.0, label=LABELS[name])
@@ -145,7 +145,7 @@ def signals(experiment: Experiment | Excitation, axes: Sequence[Axes] | None = N
 def log(
     log: Log, channels: Sequence[str] | None = None, axes: Sequence[Axes] | None = None
 ) -> Sequence[Axes]:
-    """Draw the channels of a log against its clock, one panel each; long channels as extremes of short stretches.
+    """Draw the channels of a log against its clock, one panel each; long channels are reduced to extremes of stretches.
 
     Parameters
     ----------
@@ -202,7 +202,7 @@ def fit(
     stretch_s: tuple[float, float] | None = None,
     signals: Sequence[str] | None = None,
 ) -> Sequence[Axes]:
-    """Draw measured signals and those of the fitted model, one panel per signal, and the set point with a speed.
+    """Draw measured and modelled signals, one panel per signal; the panel of a speed also shows the set point.
 
     Measured signals are broad pale lines in their own colours, the model a thin line in the text colour, the set point
     dashed.
@@ -257,14 +257,14 @@ def fit(
         ax.plot(*envelope(time, recorded[rows]), color=color, lw=3.2, alpha=0.55, label="measured")
         ax.plot(*envelope(time, answer[rows]), color=ink, lw=1.0, label="model")
         dress(ax, f"{LABELS[name]} [{UNITS[name]}]")
-    if stretch_s is None:  # the figure with a stretch has a different legend
+    if stretch_s is None:  # the caption of a stretch's figure names the experiment
         panels[0].set_title(experiment.name, loc="left", parse_math=False)
     panels[-1].set_xlabel("time [s]")
     return panels
 
 
 def held_out(prediction: HeldOut, axes: Sequence[Axes] | None = None) -> Sequence[Axes]:
-    """Draw what a prediction misses of a window that was not fitted, about its 95 % band, one panel per signal.
+    """Draw a prediction's errors in a window that was not fitted, and their 95 % band, one panel per signal.
 
     Parameters
     ----------

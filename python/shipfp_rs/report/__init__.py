@@ -1,4 +1,4 @@
-"""report.html: one self-contained page with results, their certainty, and the treatment of the data."""
+"""Writes report.html: one self-contained page with the results, their intervals, and the treatment of the data."""
 
 from __future__ import annotations
 
@@ -44,11 +44,10 @@ LOGGER = logging.getLogger("shipfp_rs")
 Responses = Sequence[tuple[FrequencyResponse, FrequencyResponse]]
 
 Also = tuple[str, str, Fingerprint, Responses]
-"""Another fit to show at the end: heading, a sentence, its fingerprint, and measured responses with the model's."""
+"""Another fit to show at the end: heading, sentence, fingerprint, and pairs of measured and modelled responses."""
 
 STILL_PICTURES = 1
-"""Number of experiments with a static picture, for readers without JavaScript; drawing it takes as long as half of the
-page.
+"""Number of experiments with a static picture, for readers without JavaScript. One picture takes half the page's time.
 """
 
 
@@ -74,8 +73,8 @@ def write_report(
 ) -> Path:
     """Write the report of a fingerprint; the file is written atomically.
 
-    The page is self-contained, and no text of a log can run in it: its policy allows only its own scripts and no
-    requests. For an 8 h log it is smaller than 10 MB.
+    The page is self-contained. Its content security policy allows only its own scripts and no requests, so text from
+    a log can't run as a script. For an 8 h log it is smaller than 10 MB.
 
     Parameters
     ----------
@@ -84,11 +83,11 @@ def write_report(
     fingerprint
         The result.
     experiments
-        Experiments of the fit; None: the experiments stored in the fingerprint, together with the model's outputs.
+        Experiments of the fit. None: the experiments and the model's outputs stored in the fingerprint.
     simulated
         The fitted model's outputs for each experiment, from `Fingerprint.predict`; may be empty.
     responses
-        Measured responses, each with the model's, for Bode plots, from `assessment.compared_responses`.
+        Pairs of measured and modelled responses for Bode plots, from `assessment.compared_responses`.
     also
         Another fit to show beside this one.
     truth
@@ -98,9 +97,9 @@ def write_report(
     language
         One of `shipfp_rs.support.sentences.LANGUAGES`.
     structure
-        Structure of the fingerprint, if its equations are the user's; None rebuilds it.
+        Structure of the fingerprint, needed if the user wrote its equations; None: rebuilt from the fingerprint.
     vessel
-        The trial's vessel, for its gear ratio and for what it drives.
+        The trial's vessel, for its gear ratio and its kind of load.
     held_out
         Experiments that were not fitted, with their predictions.
 
@@ -119,7 +118,7 @@ def write_report(
 def _simulated(
     fingerprint: Fingerprint, experiments: Sequence[Experiment], structure: Structure | None
 ) -> list[Experiment]:
-    """Outputs of the fitted model; empty if it diverges for an experiment: the report then omits them."""
+    """Outputs of the fitted model; empty if the model diverges for any experiment."""
     try:
         return [fingerprint.predict(one, structure) for one in experiments]
     except SimulationError as error:
@@ -150,7 +149,7 @@ def render(
         beside = loop.step_response(
             whole, structure if whole is fingerprint else None, figures, pictures, say
         )
-    else:  # gains are refused: the picture says why
+    else:  # the package refuses to advise on gains; the picture shows why
         beside = operating.beyond(fingerprint, pictures, say)
     top = facts(fingerprint, experiments, vessel, say)
     contents: list[tuple[str, str, Iterable[str]]] = [
@@ -201,9 +200,9 @@ def render(
 
 
 def _page(title: str, ship: str, sections: Sequence[tuple[str, str, Sequence[str]]], say: Say) -> str:
-    """Page with sections, its scripts and the policy that permits no others."""
+    """Page with its sections, its scripts, and a policy that permits no other scripts."""
     scripts = [_resource(name) for name in ("sort.js", "save.js", "zoom.js")]
-    # Even if escaping fails, text of a log can neither run scripts nor send requests.
+    # With this policy, text from a log can't run scripts or send requests, even if escaping fails.
     digests = (base64.b64encode(hashlib.sha256(script.encode()).digest()).decode() for script in scripts)
     allowed = " ".join(f"'sha256-{digest}'" for digest in digests)
     policy = f"default-src 'none'; style-src 'unsafe-inline'; img-src data:; script-src {allowed}"
@@ -274,7 +273,7 @@ def _signals(
 
 
 def _held_out(held_out: Sequence[HeldOut], pictures: Pictures, say: Say) -> Iterable[str]:
-    """Yield what was predicted, apart from what was fitted."""
+    """Yield the predictions of the experiments that were not fitted."""
     if not held_out:
         return
     yield markup.paragraph(
@@ -307,7 +306,7 @@ def _responses(responses: Responses, pictures: Pictures, say: Say) -> Iterable[s
 
 
 def _also(also: Also | None, pictures: Pictures, say: Say) -> Iterable[str]:
-    """Yield the results of another fit: known figures and frequency responses."""
+    """Yield the results of another fit: estimates with an interval, and frequency responses."""
     if also is None:
         return
     _, sentence, fingerprint, pairs = also

@@ -1,4 +1,4 @@
-"""First screen: usability of the fingerprint, the ship, its loop, and one picture of model and measurement."""
+"""First screen of the report: verdict, tables of ship and speed loop, and one picture of model and measurement."""
 
 from __future__ import annotations
 
@@ -43,17 +43,17 @@ COMPARISON = Sentence(
     "Comparison: this fingerprint against earlier or later ones of the same drive train, to see what has changed."
 )
 SHOWN_S = (8.0, 30.0)
-"""Shortest and longest stretch of the picture [s]; between them a twentieth of the record."""
+"""Shortest and longest stretch of the picture [s]; the stretch is a twentieth of the record within these limits."""
 TONES: Mapping[str, str] = {"usable": "good", "usable except": "warn", "not usable": "bad"}
-"""Colour of the first sentence."""
+"""Colour of the verdict's first sentence, by usability."""
 KNOWN_WELL = 0.2
 """Largest relative half-width of an interval shown in green."""
 OPEN_ABOVE = 3.0
-"""Ratio of an interval's upper end to the value; above it only the lower end is shown."""
+"""Ratio of an interval's upper end to the value, above which only the lower end is shown."""
 RELATED = 0.9
 """Correlation above which the report states that knowing one parameter would narrow the other's interval."""
 AT_AN_END = 0.05
-"""Fraction of an interval's width within which an estimate counts as at its end."""
+"""Distance from an interval's end, as a fraction of its width, within which an estimate counts as at that end."""
 AT_REST = 1e-4
 """Largest standard deviation of a constant set point, relative to the operating speed."""
 CHANNELS = (*LATE_CHANNELS, "T_0")
@@ -75,10 +75,7 @@ def answer(
     say: Say,
     top: Sequence[tuple[str, str, str, str, str]] = (),
 ) -> Iterable[str]:
-    """Yield the verdict's first sentence, tables of ship and loop beside the pictures, and undetermined parameters.
-
-    `beside` is the picture of the loop's step response, or of why gains are refused; the rows `top` precede the ship's.
-    """
+    """Yield the verdict's first sentence, tables of ship and loop beside the pictures, and undetermined parameters."""
     lead = _with_names(fingerprint.usable, fingerprint.parameters, say)
     if not lead and fingerprint.verdict:
         lead = say(fingerprint.verdict[0])
@@ -97,12 +94,12 @@ def answer(
     tables = (
         [piece("facts", heading, [*top, *ship_rows(whole_ship(fingerprint), say)], failed)] if told else []
     )
-    # The loop is omitted for a failed fit: a reader would take the model's loop for the ship's.
+    # The loop is omitted for a failed fit: a reader would mistake the model's loop for the ship's.
     if loop and not failed:
         rows = loop_rows(loop, say, of_ship=not whole_ship(fingerprint).ends_at_meter)
         tables.append(piece("facts", say("What it means for the speed loop"), rows, False))
     drawn = [_picture(experiments, simulated, pictures, say), "" if failed else beside]
-    if not fingerprint.engine_described:  # why gains are refused stands first
+    if not fingerprint.engine_described:  # the picture of why gains are refused comes first
         drawn.reverse()
     columns = [Markup("\n").join(part for part in parts if part) for parts in (tables, drawn)]
     yield piece("columns", [column for column in columns if column])
@@ -117,8 +114,8 @@ def answer(
 
 
 def next_steps(fingerprint: Fingerprint, say: Say) -> list[str]:
-    """Advice on a fingerprint that is unusable or valid only for its model; empty for any other."""
-    # If the intervals are valid only for the model, the advice lists possible causes instead of missing data.
+    """Advice on a fingerprint that is unusable, or whose intervals hold only for the model; empty for any other."""
+    # If the intervals hold only for the model, the advice lists possible causes instead of missing data.
     bent = not fingerprint.adequate.get("stands", True) or "hold for the model" in fingerprint.usable
     if not fingerprint.why_not and not fingerprint.engine_described:
         return [
@@ -146,10 +143,7 @@ def next_steps(fingerprint: Fingerprint, say: Say) -> list[str]:
 
 
 def acting(fingerprint: Fingerprint, say: Say) -> list[str]:
-    """Sentences on the elements that act, that may act, and that were not found.
-
-    Empty for an unusable fingerprint, whose elements are not those of the ship.
-    """
+    """Sentences on the elements that act, may act, or were not found; empty for an unusable fingerprint."""
     if fingerprint.why_not:
         return []
     named: dict[str, list[str]] = {"on": [], "open": [], "off": []}
@@ -175,7 +169,7 @@ def acting(fingerprint: Fingerprint, say: Say) -> list[str]:
 
 
 def interval(row: Row, estimate: Estimate, say: Say, *, with_end: bool = True) -> str:
-    """Format an interval, with a remark if the estimate is at its end; only one end for an estimate on a bound."""
+    """Format an interval, with a remark if the estimate is at its end; an estimate on a bound shows only the other end."""
     if estimate.ci95 is None:
         return ""
     if estimate.ci95[1] == np.inf:
@@ -189,7 +183,7 @@ def interval(row: Row, estimate: Estimate, say: Say, *, with_end: bool = True) -
 
 
 def at_an_end(estimate: Estimate, say: Say) -> str:
-    """Remark that an estimate lies at an end of its interval, which may look like a mistake."""
+    """Remark that an estimate lies at an end of its interval, since a reader may take this for a mistake."""
     if estimate.value is None or estimate.ci95 is None:
         return ""
     low, high = estimate.ci95
@@ -200,10 +194,7 @@ def at_an_end(estimate: Estimate, say: Say) -> str:
 
 
 def ship_rows(fingerprint: Fingerprint, say: Say) -> list[tuple[str, str, str, str, str]]:
-    """Plain name, symbol, value with unit, interval, and value in other units, for each parameter of the ship.
-
-    SI units come first if the vessel is known; the normalised parameter follows.
-    """
+    """Name, symbol, value, interval and value in other units of each parameter; SI units first if the vessel is known."""
     rows = []
     known = dict(fingerprint.parameters)
     if any(estimate.value is None or is_rough(estimate, OPEN) for estimate in known.values()):
@@ -229,7 +220,7 @@ def ship_rows(fingerprint: Fingerprint, say: Say) -> list[tuple[str, str, str, s
         inertia = name
         if row.name in ("tau_n", "tau_prop"):
             inertia = say("{inertia}, seen from the load shaft", inertia=short_name(row.name, say))
-        # That an estimate is at the end of its interval is remarked only beside the interval in SI units.
+        # The remark on an estimate at the end of its interval appears only beside the interval in SI units.
         none = may_be_zero(row, known[row.name])
         alone = told if none else interval(row, known[row.name], say, with_end=False)
         normalised = f"{say('normalised')}: {row.name} {value if none else f'= {value}'}"
@@ -245,12 +236,12 @@ def _in_si(estimate: Estimate, quantity: Mapping[str, Any], say: Say) -> tuple[s
         estimate, value=quantity["value"], std=quantity["std"], ci95=None if ends is None else tuple(ends)
     )
     (row,) = rounded_rows({"": replace(told, unit=quantity["unit"])})
-    # A plain space: if value and unit do not fit on a line, the whole unit moves to the next line.
+    # The space may break: if value and unit do not fit on one line, the whole unit moves to the next line.
     return _value_and_interval(row, told, " ", say)
 
 
 def _value_and_interval(row: Row, estimate: Estimate, gap: str, say: Say) -> tuple[str, str]:
-    """Value with its unit, and its interval; for a value that may be zero, its upper limit."""
+    """Value with its unit, and its interval; for a value that may be zero, the upper limit instead."""
     unit = unit_shown(row.unit).replace(" ", "\u00a0")
     if not row.value:
         return say(row.status), ""
@@ -272,10 +263,7 @@ def may_be_zero(row: Row, estimate: Estimate) -> bool:
 def loop_rows(
     loop: Mapping[str, Estimate], say: Say, *, of_ship: bool = True
 ) -> list[tuple[str, str, str, str, str]]:
-    """Main figures for a control engineer: name, no symbol, value with unit, interval, and meaning.
-
-    Without `of_ship` they are those of the drive without its load, whose damping is not judged.
-    """
+    """Name, no symbol, value, interval and meaning of the loop's main figures; without `of_ship`, of the unloaded drive."""
     meanings = {
         "bandwidth": say("up to this frequency the speed follows the set point"),
         "phase margin": _damped(loop["phase margin"].value, say) if of_ship else say("of the drive alone"),
@@ -313,12 +301,12 @@ def _damped(margin: float | None, say: Say) -> str:
 
 def _told_of(fingerprint: Fingerprint) -> dict[str, Estimate]:
     """Parameters included in the report."""
-    described = fingerprint.engine_described  # else the report's first sentence names what is missing
+    described = fingerprint.engine_described  # if not, the report's first sentence names the missing data
     return {name: one for name, one in fingerprint.parameters.items() if described or one.value is not None}
 
 
 def undetermined(fingerprint: Fingerprint) -> list[str]:
-    """Undetermined parameters, in the order of their importance to an engineer."""
+    """Names of undetermined parameters, the most important to an engineer first."""
     return as_looked_at(
         name
         for name, estimate in _told_of(fingerprint).items()
@@ -328,7 +316,7 @@ def undetermined(fingerprint: Fingerprint) -> list[str]:
 
 
 def of_what(name: str, value: float | None, fingerprint: Fingerprint, say: Say) -> str:
-    """Quantity to which a dimensionless figure is relative, for a torque with its value if known; else empty."""
+    """Words for the reference of a dimensionless parameter; for M_max with the operating torque, if known."""
     point = operating_point(fingerprint)
     if name != "M_max" or point is None or value is None:
         return say(OF_WHAT.get(name, ""))
@@ -367,7 +355,7 @@ def open_questions(fingerprint: Fingerprint, say: Say) -> list[str]:
 
 
 def _sharpened(fingerprint: Fingerprint, names: Sequence[str], say: Say) -> str:
-    """Sentence on the parameter whose knowledge would narrow another one's interval most, and by how much; else empty."""
+    """Sentence on how far the interval would shrink if its most correlated parameter were known; empty below `RELATED`."""
     related = fingerprint.correlations
     pairs = [
         (abs(related.get(one, {}).get(other, 0.0)), one, other)
@@ -387,13 +375,13 @@ def _sharpened(fingerprint: Fingerprint, names: Sequence[str], say: Say) -> str:
 
 
 def short_name(symbol: str, say: Say) -> str:
-    """Name of a parameter in a sentence: an inertia by what rotates, any other parameter by its plain name."""
+    """Name of a parameter in a sentence: for an inertia time constant the rotating part, else the plain name."""
     turning = {"tau_n": say("inertia of the drive train"), "tau_prop": say("inertia behind the torque gauge")}
     return turning.get(symbol) or say.name(symbol) or symbol
 
 
 def _with_names(sentence: str, symbols: Container[str], say: Say) -> str:
-    """Replace the symbols listed in a sentence by plain names."""
+    """Replace the given symbols in a sentence by plain names."""
 
     def named(value: str) -> str:
         return say("the {name}", name=short_name(value, say)) if value in symbols else say.figure(value)
@@ -411,7 +399,7 @@ def _listed(symbols: Iterable[str], say: Say) -> str:
 def _picture(
     experiments: Sequence[Experiment], simulated: Sequence[Experiment], pictures: Pictures, say: Say
 ) -> str:
-    """Draw the stretch of the first experiment with the most motion of the speed, measured and modelled."""
+    """Draw measurement and model in the stretch of the first experiment where the speed varies most."""
     if not experiments or not simulated:
         return ""
     experiment, model = experiments[0], dict(list(simulated[0].outputs.items())[:2])
@@ -441,7 +429,7 @@ def _picture(
 
 
 def driver_of(experiment: Experiment) -> Sentence:
-    """Input that moves the drive in an experiment."""
+    """Input that excites the drive in an experiment: set point, load or both."""
     if "M_load" not in experiment.signals:
         return Sentence("set point")
     if "n_set" not in experiment.signals or float(np.nanstd(experiment.dn_set)) < AT_REST:
@@ -463,7 +451,7 @@ def _draw_load(ax: Axes, experiment: Experiment, stretch: tuple[float, float]) -
 
 
 def _stretch_csv(experiment: Experiment, model: Mapping[str, Array], stretch: tuple[float, float]) -> str:
-    """Stretch of an experiment, measured and modelled, as CSV."""
+    """Measured and modelled signals of a stretch as CSV."""
     rows = slice(*(round((edge - experiment.start_s) * experiment.rate_hz) for edge in stretch))
     columns = {"time_s": experiment.start_s + experiment.time}
     for name in ("n_set", "M_load"):
@@ -476,7 +464,7 @@ def _stretch_csv(experiment: Experiment, model: Mapping[str, Array], stretch: tu
 
 
 def _liveliest(experiment: Experiment, model: Array) -> tuple[float, float]:
-    """Stretch with the most motion of a model's output, on the log's clock [s]."""
+    """Start and stop [s, log's clock] of the stretch where a model's output varies most."""
     shortest, longest = SHOWN_S
     length = min(max(experiment.duration / 20.0, shortest), longest, experiment.duration)
     way = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(model)))])

@@ -1,4 +1,4 @@
-"""Treatment of every sample: kept, repaired or cut, and why; quality of the log."""
+"""Tables of the treatment of every sample (kept, repaired or cut, with the reason) and of the log's quality."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ SPANS_SHOWN = 100
 
 @dataclass(frozen=True)
 class Fault:
-    """Fault of a channel in one experiment. `cut`: fits omit the signals at these times, even if samples were filled in."""
+    """Fault of a channel in one experiment; with `cut`, fits omit the signal at these times, even if it was repaired."""
 
     kind: str
     channel: str
@@ -90,7 +90,7 @@ def _recorded(experiments: Sequence[Experiment], say: Say) -> str:
 
 
 def _fates(channel: str, experiments: Sequence[Experiment]) -> npt.NDArray[np.uint8]:
-    """Code in `FATES` of each recorded sample of a channel, shape (N,); the highest if several apply."""
+    """Code in `FATES` of each recorded sample of a channel, shape (N,); if several apply, the highest."""
     fate = np.zeros(experiments[0].provenance["recorded"][channel]["samples"], dtype=np.uint8)
 
     def raise_to(code: int, first: int, stop: int) -> None:

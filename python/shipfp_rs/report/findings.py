@@ -25,7 +25,7 @@ TONES = {"on its bound": "warn", "not identifiable": "bad"}
 FIGURES: Mapping[str, str] = words_of("report_words")["figures"]
 """Names of a fit's statistics in the report."""
 UNEVEN = 1.5
-"""Ratio of the longer to the shorter side of an interval; from it on, the report explains the asymmetry."""
+"""Ratio of the longer to the shorter side of an interval from which the report explains the asymmetry."""
 NORMALISED = ("g", "v", "K_p", "K_i", "vK_p", "vK_i")
 
 
@@ -55,7 +55,7 @@ def parameters(
     assert isinstance(text, str)
     yield link(say("These figures as CSV"), "fingerprint.csv", "text/csv", text.encode())
     drawn = [e for e in (*fingerprint.parameters.values(), *fingerprint.derived.values()) if e.ci95]
-    # Intervals of an unusable model are omitted: a reader would take them for results.
+    # Intervals of an unusable model are omitted: a reader would mistake them for results.
     if drawn and not failed:
         reference = say("the truth that the log was simulated with") if truth else say("the estimate")
         caption = say("Estimates with their 95 % intervals, in per cent of {reference}.", reference=reference)
@@ -211,7 +211,7 @@ def elements(fingerprint: Fingerprint, say: Say) -> Iterable[str]:
         found = Cell(
             say(STATES[row["state"]]), tone="" if fingerprint.why_not else TONES_OF_STATES[row["state"]]
         )
-        # An element with which the fit was worse than without has gained nothing.
+        # If the element made the fit worse, its gain is shown as zero.
         gain = "" if row["evidence"] is None else f"{max(row['evidence'], 0.0):.3g}"
         limit = _limit(name, row, fingerprint, say)
         rows.append([say(row["words"]), found, number(gain, key=row["evidence"]), limit])
@@ -230,7 +230,7 @@ def _limit(name: str, row: Mapping[str, Any], fingerprint: Fingerprint, say: Say
 
 
 def statistics(fingerprint: Fingerprint, pictures: Pictures, say: Say) -> Iterable[str]:
-    """Yield the collapsed section: full verdict, rank, fits and residual tests."""
+    """Yield a collapsible section with the full verdict, rank, fits and residual tests."""
     if fingerprint.verdict:
         yield piece("heading", say("The verdict in full"))
         yield bullets(say(line) for line in fingerprint.verdict)

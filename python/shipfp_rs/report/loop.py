@@ -37,7 +37,7 @@ SHOWN = ("dn", "dM")
 
 
 def figures(fingerprint: Fingerprint, structure: Structure | None) -> Mapping[str, Estimate]:
-    """Poles, margins and times; empty without a linearisation, or if the model does not describe the engine."""
+    """Poles, margins and times of the loop; empty without a linearisation, or if the model does not describe the engine."""
     if "optimum" not in fingerprint.settings or not fingerprint.engine_described:
         return {}
     try:
@@ -122,10 +122,7 @@ def step_response(
 
 
 def _step(structure: Structure, optimum: Mapping[str, float], times: Array) -> dict[str, Array]:
-    """Outputs after a step of the set point at time 0, with the exact dead time of the set point.
-
-    Outputs are set to zero during the loop's dead time, where those of its Pade approximation differ from zero.
-    """
+    """Outputs after a step of the set point at time 0; zero in the dead time, where the Pade approximation is not."""
     known = loop_of(structure, optimum)[1]
     space = state_space(structure, {**optimum, "T_set": 0.0, **dict.fromkeys(LATE_CHANNELS, 0.0)}, PADE)
     since = times - known.get("T_set", 0.0)

@@ -1,4 +1,4 @@
-"""HTML elements of the report and its language; the templates escape every text."""
+"""HTML elements of the report, and its translation; the templates escape every text."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ NUMBER = re.compile(r"[-+]?\d+\.\d+(e[-+]?\d+)?")
 POINT = re.compile(r"(?<=\d)\.(?=\d)")
 """A decimal point between two digits."""
 KINDS: Mapping[str, str] = words_of("report_words")["motions"]
-"""Motion of the set point in words, by kind of window; other kinds are plain words or given by the user."""
+"""Words for the motion of the set point, by kind of window; any other kind is shown as it is."""
 LABEL = re.compile(r"(.*?)((?: (?:[$\[(]|\w+_).*)?)$")
 """A label of an axis or a legend: words, followed by symbols, units and fractions."""
 CELL = re.compile(r'(<td class="number[^>]*>)([^<]*)')
@@ -46,7 +46,7 @@ class Say:
         return [self(text) for text in texts]
 
     def told(self, text: str, leaf: Callable[[str], str]) -> str:
-        """Translate a text; `leaf` formats the values of its fields that are not sentences."""
+        """Translate a text; `leaf` formats field values that are not sentences."""
         template = text.template if isinstance(text, Sentence) else text
         said = self._translated(template) if template else ""
         if not isinstance(text, Sentence):
@@ -58,7 +58,7 @@ class Say:
         return filled(said, values)
 
     def figure(self, text: str) -> str:
-        """Format a value; numbers with the language's decimal sign."""
+        """Format a value; a number gets the language's decimal sign."""
         return self.number(text) if NUMBER.fullmatch(text) else text
 
     def number(self, text: str) -> str:
@@ -70,18 +70,18 @@ class Say:
         return CELL.sub(lambda found: found[1] + self.number(found[2]), page)
 
     def called(self, experiment: str, kind: str, driver: str = "set point") -> str:
-        """Name of an experiment and the motion of its set point or other driver, if known."""
+        """Name of an experiment, and the motion of its set point or other driver if known."""
         if not kind:
             return experiment
         return f"{experiment} ({self(driver)}: {self(KINDS.get(kind, kind))})"
 
     def name(self, symbol: str) -> str:
-        """Plain name of a parameter or combination, followed in brackets by the part of a joint structure."""
+        """Plain name of a parameter or combination; in a joint structure, its part follows in brackets."""
         own, bracket, part = symbol.partition(" (")
         return self(plain_name(own)) + bracket + part if plain_name(symbol) else ""
 
     def meaning(self, symbol: str) -> str:
-        """Meaning of a parameter; empty for a user's own."""
+        """Meaning of a parameter; empty for a parameter that the user defined."""
         return self(glossary.meaning(symbol.partition(" (")[0]))
 
     def label(self, text: str) -> str:
@@ -92,7 +92,7 @@ class Say:
 
 
 LONGEST_WORD = 24
-"""Longest word [characters] that is not broken in a column."""
+"""Longest word [characters] that is kept whole in a column."""
 
 
 @dataclass(frozen=True)
@@ -119,7 +119,7 @@ class Cell:
 
 
 Row = Sequence[Cell | str]
-"""Cells of a table's row; a text becomes a cell."""
+"""Cells of a table's row; a string becomes a cell."""
 
 
 def piece(name: str, *content: object) -> Markup:

@@ -1,4 +1,4 @@
-"""Operating point, inertia, and load and engine each on its own, in rpm, Nm, kW and kg m2."""
+"""Operating point, inertia, and separate results for load and engine, in rpm, Nm, kW and kg m2."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def feeds_a_generator(
 def facts(
     fingerprint: Fingerprint, experiments: Iterable[Experiment], vessel: Vessel | None, say: Say
 ) -> list[Fact]:
-    """Rows with the operating point, and the inertia or inertia constant unless another row has it."""
+    """Rows with the operating point, and the inertia or inertia constant unless the ship's rows already have it."""
     point = operating_point(fingerprint)
     if point is None:
         return []
@@ -90,7 +90,7 @@ def _fact(name: str, estimate: Estimate, more: str, say: Say, symbol: str = "") 
 
 
 LARGE_IN, SMALL_IN = 1.9, 1.1
-"""Height of a panel [in] if the model does not describe the engine's side, and if it does."""
+"""Height of a panel [in]: large if the model does not describe the engine's side, else small."""
 BARS = 2.0
 """Half-length of an error bar, in standard errors."""
 
@@ -117,7 +117,7 @@ def section(fingerprint: Fingerprint, pictures: Pictures, say: Say) -> Iterable[
 
 
 def beyond(fingerprint: Fingerprint, pictures: Pictures, say: Say) -> str:
-    """Draw what the engine's torque has beyond the model, under a heading; empty if it was not determined."""
+    """Heading, and picture of the residual of the drive's torque; empty if the residual was not determined."""
     curves = fingerprint.adequate.get("engine_curves")
     if not curves or not all(curve["at"] for curve in curves.values()):
         return ""

@@ -1,4 +1,4 @@
-"""Pictures of the report: static ones as inline SVG, and zoomable time plots for zoom.js."""
+"""Pictures of the report: static inline SVG, and time plots that zoom.js zooms."""
 
 from __future__ import annotations
 
@@ -31,13 +31,12 @@ if TYPE_CHECKING:
 VALUES = 2_600_000
 """Largest number of two-byte values in all charts of a page: 6.9 MB as text."""
 STEPS = 65_534
-"""Number of quantisation steps from a series' smallest to its largest value; a further code is for masked samples."""
+"""Number of quantisation steps from a series' smallest to its largest value; one more code marks masked samples."""
 MARKS = 4000
 """Faults of one kind and channel closer than this fraction of the record are drawn as one."""
 MODEL = "currentColor"
 LEAST_SHARE = 0.3
-"""Fraction of a residual's standard deviation due to the tachometer (a tenth of its power) from which the report mentions
-it.
+"""Share of the tachometer in a residual's standard deviation (0.3: a tenth of its power) from which the report tells it.
 """
 
 HELP = (
@@ -55,10 +54,7 @@ BUTTONS = tuple(
 
 
 def charts(experiments: Sequence[Experiment], simulated: Sequence[Experiment], say: Say) -> list[str]:
-    """Interactive figure for each experiment.
-
-    Single samples are kept if the page has room for all, else the extremes of equal stretches, so that no peak is lost.
-    """
+    """Interactive figure for each experiment, with all samples if they fit on the page, else extremes of equal stretches."""
     models = [one.outputs for one in simulated] or [{}] * len(experiments)
     total = sum(len(e) * (len(e.signals) + 2 * len(m)) for e, m in zip(experiments, models, strict=True))
     width = 1 if total <= VALUES else -(-2 * total // VALUES)
@@ -106,7 +102,7 @@ def _chart(experiment: Experiment, model: Mapping[str, Array], width: int, say: 
 
 
 def of_the_tachometer(experiment: Experiment, model: Mapping[str, Array], say: Say) -> str:
-    """Sentence on the part of the speed's residual due to the resolution of pulses; empty if small or unknown."""
+    """Sentence on how much of the speed's residual comes from the tachometer's resolution; empty if small or unknown."""
     speed = experiment.provenance.get("speed", {})
     size, name = speed.get("resolution_rpm"), next((one for one in ("n_e", "n_s") if one in model), "")
     if size is None or not name:
@@ -125,7 +121,7 @@ def of_the_tachometer(experiment: Experiment, model: Mapping[str, Array], say: S
 
 
 def _masked(experiment: Experiment, unit: str) -> Iterator[Fault]:
-    """Yield masked stretches of signals without a localised fault."""
+    """Yield all masked stretches of the signals in a unit as faults, for a figure without localised faults."""
     for name, samples in experiment.signals.items():
         if UNITS[name] == unit and np.isnan(samples).any():
             spans, what = runs(np.isnan(samples)), Sentence("masked samples")
@@ -146,7 +142,7 @@ def _series(label: str, colour: str, samples: Array, width: int, kind: str = "")
 
 
 def thin(samples: Array, width: int) -> Array:
-    """Minimum and maximum of every `width` samples in turn, NaN if all are NaN; all samples for width 1.
+    """Minimum and maximum of each `width` samples, NaN if all are NaN; for width 1, all samples.
 
     Examples
     --------
@@ -174,11 +170,11 @@ def _mark(fault: Fault, experiment: Experiment, say: Say) -> dict[str, Any]:
 
 
 WIDE = 8.0
-"""Width [in] from which a picture scrolls sideways on a phone, to keep its text legible."""
+"""Width [in] from which a picture scrolls sideways on a phone, so that its text stays legible."""
 NARROW = 6.4
 """Width of a picture that a phone shows whole, with larger text [in]."""
 LETTER = 0.62
-"""Width of a letter relative to its size."""
+"""Width of a letter relative to the font size."""
 MATH = re.compile(r"\\\w+|[${}^_]")
 """Markup of formulas in a label, which is not displayed."""
 FINER = re.compile(r"(?<=\.\d)\d+")
@@ -209,11 +205,7 @@ class Pictures:
         saved: bool = True,
         table: str = "",
     ) -> str:
-        """Figure element of `panels` axes above each other, each `height` inches high, drawn by `paint`.
-
-        Below it are links to its data as CSV, if `table` is given, and to the picture as PNG, if `saved` is true and
-        scripts are enabled.
-        """
+        """Figure of stacked `panels`, each `height` inches high, with links to `table` as CSV and, if `saved`, to a PNG."""
         from matplotlib import rc_context
         from matplotlib.figure import Figure
 
@@ -250,13 +242,13 @@ class Pictures:
                 text.set_text(self._say.label(text.get_text()))
 
     def _inline(self, svg: str, caption: str) -> str:
-        """Remove markup that only a separate file needs, use the page's colours, and make identifiers unique."""
+        """Adapt SVG to the page: no file header, the page's colours, unique identifiers."""
         svg = svg[svg.index("<svg") :]
         svg = re.sub(r"<metadata>.*?</metadata>", "", svg, count=1, flags=re.DOTALL)
         svg = re.sub(r' xmlns(:xlink)?="[^"]*"', "", svg)
         svg = svg.replace(INK, "currentColor")
         svg = re.sub(r'(\bid="|href="#|url\(#)', rf"\g<1>picture{self._count}-", svg)
-        # A tenth of a point is finer than any screen, and halves the size.
+        # Coordinates to a tenth of a point are finer than any screen and halve the size.
         svg = re.sub(r'\bd="[^"]*"', lambda path: FINER.sub("", path.group()), svg)
         return svg.replace("<svg ", f'<svg role="img" aria-label="{escape(caption)}" ', 1)
 
@@ -279,7 +271,7 @@ def _spoken(inner: Formatter, say: Say) -> Formatter:
 
 
 def _arrange(figure: Figure, axes: Sequence[Axes]) -> None:
-    """Make room for labels; their size is estimated from the letters, since drawing them takes far longer."""
+    """Make room for labels; their size is estimated from the number of letters, since drawing them takes far longer."""
     size = float(axes[0].xaxis.label.get_fontsize()) / 72.0
     width, height = figure.get_size_inches()
     left = max(_beside(ax, size) for ax in axes)
@@ -319,13 +311,13 @@ def _below(ax: Axes, size: float) -> float:
 
 
 def columns_csv(columns: Mapping[str, Array], digits: int = 9) -> str:
-    """CSV of columns of numbers under their names."""
+    """CSV of numeric columns, with a header of their names."""
     lines = [",".join(f"{value:.{digits}g}" for value in row) for row in zip(*columns.values(), strict=True)]
     return "\n".join([",".join(columns), *lines]) + "\n"
 
 
 def curves_csv(axes: Sequence[Axes]) -> str:
-    """CSV of all points of the panels' lines: names of both axes, series, coordinates, ends of the error bar."""
+    """CSV of all points of the panels' lines: both axis labels, series, coordinates, ends of the error bar."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(["value_of", "against", "series", "place", "value", "low", "high"])
@@ -338,7 +330,7 @@ def curves_csv(axes: Sequence[Axes]) -> str:
 
 
 def _rows(ax: Axes, against: str) -> Iterator[Point]:
-    """Yield the rows of a panel, without lines across the whole panel, such as limits."""
+    """Yield the points of a panel's lines, except lines across the whole panel, such as limits."""
     from matplotlib.container import ErrorbarContainer
 
     panel = ax.get_ylabel()

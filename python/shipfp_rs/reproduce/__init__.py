@@ -1,4 +1,4 @@
-"""The thesis's tables, printed and reproduced."""
+"""Reproduction of the tables of the thesis (Martinus, 2020), beside the printed values."""
 
 from __future__ import annotations
 
@@ -14,16 +14,13 @@ from shipfp_rs.support.arrays import Array, attributes
 
 Way = Literal["printed", "truth", "thesis", "ours"]
 Progress = Callable[[int, int], None]
-"""Called with the number of jobs done and the number of jobs."""
+"""Called after each job with the number of finished jobs and the number of all jobs."""
 Job = TypeVar("Job")
 
 
 @dataclass(frozen=True)
 class Row:
-    """A row of a reproduced table.
-
-    `way` is its source: printed, true values of a simulation, refit as in the thesis, or our fit.
-    """
+    """A row of a table; `way` is printed, truth (of a simulation), thesis (refit as in the thesis) or ours (our fit)."""
 
     table: str
     case: str
@@ -47,7 +44,7 @@ class Row:
 
 @dataclass(frozen=True)
 class Reproduction:
-    """Rows of the tables, conclusions in sentences, and the fingerprints of our fits."""
+    """Rows of the tables, conclusions in sentences, and fingerprints of the fits."""
 
     title: str
     rows: tuple[Row, ...]
@@ -60,20 +57,20 @@ class Reproduction:
 
 
 def printed_row(result: published.Result, table: str, structure: str, **others: float | None) -> Row:
-    """Make a row of a printed result; `others` are fits of outputs other than speed and torque."""
+    """Return the row of a printed result; `others` are fits of outputs other than speed and torque."""
     fit = {"dn": result.fit_n_pct, "dM": result.fit_m_pct, **others}
     return Row(table, result.case, "printed", structure, result.parameters, result.signal, fit)
 
 
 def row_of(fingerprint: Fingerprint, table: str, case: str, way: Way, notes: str = "") -> Row:
-    """Make a row of a fingerprint: all values of the search for a refit as in the thesis, else the determined values."""
+    """Return a fingerprint's row: its determined values; for a refit as in the thesis, all values of the optimum."""
     estimates = {**fingerprint.parameters, **fingerprint.derived}
     parameters = {name: estimate.value for name, estimate in estimates.items()}
     if way == "thesis":
         values = fingerprint.settings["optimum"]
         parameters |= values
         parameters |= {f"v{gain}": values["v"] * values[gain] for gain in ("K_p", "K_i") if "v" in values}
-    # NRMSE does not measure a fit whose points are weighted by their standard deviations.
+    # NRMSE is no measure of a fit whose points are weighted by their standard deviations.
     weighted = fingerprint.settings.get("noise") == "std"
     fit = {output: None if weighted else value for output, value in fits_of(fingerprint).items()}
     intervals = {name: estimate.ci95 for name, estimate in estimates.items() if estimate.ci95 is not None}
@@ -86,13 +83,13 @@ def fits_of(fingerprint: Fingerprint) -> dict[str, float | None]:
 
 
 def fits_to(experiment: Experiment, answers: Mapping[str, Array]) -> dict[str, float]:
-    """Return the fit of a model's response, deviations by signal, to an experiment [%] (eq. 4.9)."""
+    """Return the fit of a model's response (deviations by signal) to an experiment, by signal [%] (eq. 4.9)."""
     measured = {signal: experiment.normalised(signal) for signal in answers}
     return {signal: nrmse_pct(measured[signal], measured[signal] - answers[signal]) for signal in answers}
 
 
 def counted(jobs: Sequence[Job], progress: Progress | None) -> Iterator[Job]:
-    """Yield jobs, and report after each how many are done."""
+    """Yield the jobs, and report progress after each."""
     for done, job in enumerate(jobs, 1):
         yield job
         if progress is not None:

@@ -1,4 +1,4 @@
-"""Chapters 6 and 7 of the thesis from its published numbers: refitted as in the thesis, then with suitable structures."""
+"""Chapters 6 and 7 of the thesis: its published sine fits, refitted as in the thesis, then with suitable structures."""
 
 from __future__ import annotations
 
@@ -34,10 +34,10 @@ VESSEL = "stan-tug-1205"
 FILES = files(("6.8", "6.9", "6.11", "6.12", "7.1", "7.2", "7.3", "eq. 7.9"))
 BODE_HZ = np.geomspace(2e-3, 6.0, 300)
 SOUND_PHASE_HZ = 0.085
-"""Frequency up to which the printed phases of set point and speed are on a smooth curve within 0.01 rad."""
+"""Frequency up to which the printed phases of set point and speed are within 0.01 rad of a smooth curve."""
 SOUND_PHASE_STD = 0.01
 LOST_PHASE_STD = np.pi / np.sqrt(3.0)
-"""Standard deviation of a uniformly distributed, unknown phase. Each channel was fitted with a different frequency, and
+"""Standard deviation of an unknown, uniformly distributed phase. Each channel was fitted with a different frequency, and
 the printed frequencies differ by up to 1e-4 Hz; at t = 4000 s, 1e-5 Hz already change the phase by 2 pi t 1e-5 = 0.25
 rad.
 """
@@ -46,7 +46,7 @@ TORQUE_PHASE_STD = 0.2
 AMPLITUDE_STD = 0.01
 """Scatter of the amplitude ratios about a smooth curve; the printed digits alone cause half of it."""
 INCONSISTENT_HZ = (0.11, 0.1778)
-"""Frequencies with phases that no structure can follow: a frequency error of 1e-5 Hz explains them."""
+"""Frequencies whose phases no structure can reproduce; a frequency error of 1e-5 Hz explains them."""
 CORRECTIONS = (
     "set point 76 rpm, shaft-speed frequency 3.433 Hz and torque 320 Nm at 3.433 Hz as in section 7.3"
 )
@@ -55,8 +55,8 @@ STEP_DELAY_S = 0.5
 """Delay at every step of the trial (section 7.3.2)."""
 STARTS = 8
 TORSIONAL_PRIOR = (1.17, 0.06)
-"""Total tau_n of eq. 7.9 and its standard deviation [s]: 5 %, the usual accuracy of such calculations, since the thesis
-gives none.
+"""Total tau_n of eq. 7.9 and its standard deviation [s]. The thesis gives no accuracy; 5 % is usual for such
+calculations.
 """
 COUNTS = "how much each point counts in the weighted fit: 0 for nothing, 1 where it alone fixes a direction; in all the rank"
 WEIGHTED = "ii, weighted"
@@ -73,12 +73,9 @@ class _Job(NamedTuple):
 
 
 def measured_response(last_hz: float = 3.433) -> FrequencyResponse:
-    """Return responses of engine speed and gauge torque from Tables E.1 to E.3, up to and including `last_hz`.
-
-    The manual corrections of section 7.3 at 3.433 Hz are included. Each point is normalised by its offsets and has the
-    frequency fitted to the set point. Standard deviations follow from how the tables were made; see the constants of this
-    module.
-    """
+    """Return responses of engine speed and gauge torque from Tables E.1 to E.3, up to and including `last_hz`."""
+    # The manual corrections of section 7.3 at 3.433 Hz are included.
+    # Each point is normalised by its offsets and has the frequency fitted to the set point.
     tables: dict[str, dict[float, published.SineFit]] = {}
     for fit in published.sine_fits():
         tables.setdefault(fit.signal, {})[fit.input_frequency_hz] = fit
@@ -112,7 +109,7 @@ def measured_response(last_hz: float = 3.433) -> FrequencyResponse:
 
 
 def thesis_structure() -> Structure:
-    """Return the structure of section 7.2: exponent 2, engine torque; start and bounds of eq. 7.3 to 7.8."""
+    """Return the structure of section 7.2 (exponent 2, engine torque) with start and bounds of eq. 7.3 to 7.8."""
     start = {"tau_n": 1.2, "g": -0.5, "v": 1.0, "K_p": 10.0, "K_i": 3.0}
     bounds = {name: BOUNDS[name] for name in start}
     return Structure.linear(torque="brake", name="thesis").with_start(**start).with_bounds(**bounds)
@@ -127,7 +124,7 @@ def extended_structure(*, loop: bool = True, set_point: bool = True) -> Structur
 
 
 def steps() -> tuple[Structure, ...]:
-    """Return structures from the thesis's to the largest that the sine fits may determine."""
+    """Return the structures from the thesis's to the largest that the sine fits may determine, in that order."""
     gauge = Structure.linear(torque="gauge", name="gauge-side torque")
     times = product((False, True), repeat=2)
     return thesis_structure(), gauge, *(extended_structure(loop=a, set_point=b) for b, a in times)
@@ -153,7 +150,7 @@ def _jobs() -> tuple[_Job, ...]:
 
 
 def reproduce(progress: Progress | None = None) -> Reproduction:
-    """Refit Table 7.1 (ii) as in the thesis, then with the extended structure, and report what can't be determined."""
+    """Refit Table 7.1 (ii) as in the thesis, then with the extended structure; report which parameters stay undetermined."""
     vessel = Vessel.load(VESSEL)
     rows: list[Row] = before_the_fit(vessel)
     rows += [printed_row(result, "7.1", "thesis") for result in published.full_scale_results()]
@@ -176,7 +173,7 @@ def reproduce(progress: Progress | None = None) -> Reproduction:
 
 
 def best_of(found: Reproduction) -> Fingerprint:
-    """Return the weighted fit of the structure that the data support, without external knowledge."""
+    """Return the weighted fit of the structure that the data support, without a prior."""
     return found.fingerprints[f"{WEIGHTED}: {extended_structure().name}"]
 
 
@@ -191,7 +188,7 @@ def responses(found: Reproduction) -> Responses:
 
 
 def _counts(fingerprint: Fingerprint) -> list[Row]:
-    """Weight of each point of Tables E.1 to E.3 in the weighted fit."""
+    """Rows with the leverage of each point of Tables E.1 to E.3 in the weighted fit."""
     usable, rows = measured_response(USABLE_HZ), []
     labels = [f"{frequency:.4g} Hz" for frequency in usable.frequency_hz]
     for signal, pair in leverage(usable, extended_structure(), fingerprint).items():
@@ -210,10 +207,7 @@ def ladder(fingerprints: Mapping[str, Fingerprint]) -> list[Fingerprint]:
 def _verdict(
     rows: Sequence[Row], fingerprints: Mapping[str, Fingerprint], free: Fingerprint, held: Fingerprint
 ) -> Iterator[str]:
-    """Yield the conclusions.
-
-    `free` and `held` are fits of the extended structure, without and with tau_n from the torsional calculation.
-    """
+    """Yield the conclusions; `free` and `held` are extended fits without and with tau_n from the torsional calculation."""
     fits, structure = ladder(fingerprints), free.structure["name"]
     parts = {
         "What the published sine fits tell of the tug:": _told(free, held),

@@ -1,4 +1,4 @@
-"""Tables 6.8 to 7.3 and eq. 7.9 of the thesis, recomputed: results of steady speeds, drawings and further experiments."""
+"""Tables 6.8 to 7.3 and eq. 7.9 of the thesis, recomputed from steady speeds, drawings and simulated experiments."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ from shipfp_rs.support.units import Calibration
 from shipfp_rs.vessel.vessel import Vessel
 
 TORQUE_COEFFICIENT = 0.02709
-"""C_Q* at beta = 180 degrees, common to all five calculated torques of Table 6.8, but not printed."""
+"""C_Q* at beta = 180 degrees; the thesis does not print it, but all five calculated torques of Table 6.8 imply it."""
 SPECTRUM_RPM = 1184.0
-"""Engine speed at which the torque's spectrum was taken (section 6.3.1)."""
+"""Engine speed of the measured torque spectrum (section 6.3.1)."""
 TORQUE_STD_NM = 25.0
-"""Half the last digit of a measured torque in Table 6.8."""
+"""Half a unit of the last digit that Table 6.8 gives of measured torques."""
 BEYOND_THE_GAUGE_KG_M2 = 12.0
-"""Inertia on the propeller's side of the gauge, as read from a drawing in the thesis (Figure 7.22)."""
+"""Inertia on the propeller's side of the gauge, read from a drawing in the thesis (Figure 7.22)."""
 
 EQUATION = "eq. 7.9"
 COLUMNS = ("sines", "short chirp", "long chirp", "steps")
@@ -44,11 +44,9 @@ def before_the_fit(vessel: Vessel) -> list[Row]:
 
 
 def cross_checks(vessel: Vessel, fingerprints: Mapping[str, Fingerprint]) -> list[Row]:
-    """Return the rows of eq. 7.9: time constants and inertias from drawings, and those identified from sine fits.
-
-    The total inertia is from the torsional vibration calculation; that of the propeller's side is J_2 = tau_prop M_s0 /
-    (2 pi n_s0).
-    """
+    """Return the rows of eq. 7.9: time constants and inertias from drawings, and those identified from sine fits."""
+    # The total inertia is from the torsional vibration calculation.
+    # The inertia of the propeller's side is J_2 = tau_prop M_s0 / (2 pi n_s0).
     per_inertia = 2.0 * math.pi * vessel.nominal_shaft_speed / float(vessel.operating_point.M_s_Nm or 0.0)
     total, water = vessel.shaft.inertia_kg_m2, vessel.entrained_water_inertia()
     beyond = BEYOND_THE_GAUGE_KG_M2
@@ -79,7 +77,7 @@ def cross_checks(vessel: Vessel, fingerprints: Mapping[str, Fingerprint]) -> lis
 def _fitted(
     law: Callable[..., Array], speed: Array, torque: Array, start: Sequence[float]
 ) -> tuple[float, float, float]:
-    """Return a law's last parameter, half its 95 % interval, and the root mean square of the residuals [Nm]."""
+    """Fit a torque law; return its last parameter, half its 95 % interval, and the residuals' root mean square [Nm]."""
     relative, sigma = speed / speed.mean(), np.full(len(speed), TORQUE_STD_NM)
     values, covariance = curve_fit(law, relative, torque, start, sigma=sigma, absolute_sigma=True)
     left = law(relative, *values) - torque
@@ -133,7 +131,7 @@ def _peaks(vessel: Vessel) -> list[Row]:
 
 
 def _set_point_line() -> list[Row]:
-    """Table 6.11 and eq. 6.7: the line through four steady points."""
+    """Rows of Table 6.11 and eq. 6.7: the line through four steady points."""
     points = published.set_point_calibration()
     volts = np.array([point.setpoint_v for point in points])
     speed = np.array([point.engine_speed_rpm for point in points])
@@ -149,7 +147,7 @@ def _set_point_line() -> list[Row]:
 
 
 def _normalisation_points() -> list[Row]:
-    """Table 6.12 and the offsets of the sine fits, which are means over minutes."""
+    """Rows of Table 6.12, and the offsets of the sine fits, which are means over minutes."""
     fits = [fit for fit in published.sine_fits() if fit.input_frequency_hz < 3.0]
     speed, torque = (
         np.array([fit.offset for fit in fits if fit.signal == signal])
@@ -164,7 +162,7 @@ def _normalisation_points() -> list[Row]:
 
 
 def cross_validation(structure: Structure, best: Fingerprint) -> list[Row]:
-    """Return the printed fits [%], and fits of printed and best parameters to the trial on the simulated tug."""
+    """Return the printed fits [%], and the fits of printed and best parameters to the trial of the simulated tug."""
     rows = []
     for printed in published.full_scale_cross_validation():
         fits = (printed.multisine_pct, printed.short_chirp_pct, printed.long_chirp_pct, printed.steps_pct)
@@ -176,7 +174,7 @@ def cross_validation(structure: Structure, best: Fingerprint) -> list[Row]:
 
 
 def printed_parameters() -> dict[str, dict[str, float]]:
-    """Return the parameters of Table 7.1, case to values of the thesis's structure; v is 1, only products matter."""
+    """Return the parameters of Table 7.1 in the thesis's structure, by case; v is 1, since only its products matter."""
     return {result.case: asdict(model_of(result.parameters)) for result in published.full_scale_results()}
 
 

@@ -1,4 +1,4 @@
-"""Pictures of reproduced tables: values found beside printed ones, and measured responses beside those of printed values."""
+"""Pictures of reproduced tables: reproduced values beside printed ones, and measured responses beside modelled ones."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 
 DPI = 130
 WIDTH_IN, LINE_IN, POINT_IN, LEGEND_IN, AROUND_IN = 10.0, 0.45, 0.16, 0.2, 1.6
-"""Sizes in a picture [in]: width of the picture, least height of a parameter's row, height of each point in a row, height of
-each entry of the legend, height of title, axis and caption together.
+"""Sizes [in]: width of a picture; heights of a parameter's row (at least), of a point in a row, of an entry of the legend,
+and of title, axis and caption together.
 """
 CAPTION_COLUMNS = 150
 EVEN_PCT = 1.0
@@ -31,23 +31,23 @@ EVEN_PCT = 1.0
 MOST_PCT = 300.0
 """Largest distance on the axis [%]; a point farther off is drawn at the end of the axis, with the distance as text."""
 SPREAD = 0.7
-"""Share of a parameter's line over which its points are spread."""
+"""Share of a parameter's row height over which its points are spread."""
 MARKS = "os^Dv"
 REFERENCES = ("printed", "truth")
 RESPONSES = "responses.png"
 LOST_PHASE_STD = 1.0
-"""Standard deviation of a phase from which its point is not drawn [rad]."""
+"""Standard deviation of a phase from which the point is omitted [rad]."""
 
 
 class Responses(NamedTuple):
-    """Measured frequency responses, and those of models by label, at most six; the first is drawn behind the others."""
+    """Measured frequency responses, and at most six models' responses by label; the first is drawn behind the others."""
 
     measured: FrequencyResponse
     models: Mapping[str, FrequencyResponse]
 
 
 class Point(NamedTuple):
-    """Distance of a found value and of the ends of its interval from the printed value, relative to it [%]."""
+    """Distances of a reproduced value and of its interval's ends from the reference value, relative to the reference [%]."""
 
     parameter: str
     off_pct: float
@@ -85,11 +85,8 @@ def draw(
 
 
 def distances(rows: Sequence[Row]) -> dict[str, list[Point]]:
-    """Return the distances of a table's found values from the printed ones, or from the truth, by row of the table.
-
-    A row is compared with the printed row of its case, or else with that of the case's first word, or else with the only
-    printed row. Values without a printed one are omitted, as are printed zeros.
-    """
+    """Return the distances of reproduced values from printed or true ones, by row; values with none or zero are omitted."""
+    # The reference row is that of the same case, else of the part of the case before a comma, else the only one.
     references = {row.case: row for row in rows if row.way in REFERENCES}
     found: dict[str, list[Point]] = {}
     for row in rows:
@@ -110,7 +107,7 @@ def distances(rows: Sequence[Row]) -> dict[str, list[Point]]:
 
 
 def beside(rows: Sequence[Row]) -> Figure:
-    """Draw the values of a table that were found, as distances from the printed ones or from the truth."""
+    """Draw a table's reproduced values as distances from the printed values, or from the truth."""
     found = distances(rows)
     names = [*dict.fromkeys(point.parameter for points in found.values() for point in points)]
     references = [row for row in rows if row.way in REFERENCES]
@@ -157,7 +154,7 @@ def beside(rows: Sequence[Row]) -> Figure:
 
 
 def _label(name: str, references: Sequence[Row]) -> str:
-    """Name of a parameter, with its printed value if there is only one."""
+    """Name of a parameter, with its printed value if the table has only one."""
     printed = {value for row in references if (value := row.parameters.get(name)) is not None}
     return f"{name} = {printed.pop():.4g}" if len(printed) == 1 else name
 
@@ -175,7 +172,7 @@ def _distance_axis(ax: Axes, largest_pct: float) -> float:
 
 
 def bode(responses: Responses) -> Figure:
-    """Draw measured points of each signal's response on the curves of the models; unknown phases are omitted."""
+    """Draw the measured points of each signal's response over the models' curves; unknown phases are omitted."""
     measured, models = responses
     first = next(iter(models.values()))
     signals = [name for name in measured.response if name in first.response]
@@ -209,7 +206,7 @@ def _figure(height_in: float) -> Figure:
 
 
 def _titled(figure: Figure, title: str, caption: str) -> Figure:
-    """Write the title above a picture and its caption below."""
+    """Write a title above a picture and a caption below it."""
     figure.suptitle(title, x=0.01, ha="left", fontsize="large")
     figure.supxlabel(textwrap.fill(caption, CAPTION_COLUMNS), x=0.01, ha="left", fontsize="small")
     return figure

@@ -1,4 +1,4 @@
-"""The tug's trial of 5 November 2019 on simulated ships: its logs were not published, its plan was (Table 6.7)."""
+"""The tug's trial of 5 November 2019 on simulated ships; its plan was published (Table 6.7), its logs were not."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ from shipfp_rs.vessel.vessel import Vessel
 
 VESSEL = "stan-tug-1205-full"
 AMPLITUDE_RPM = 76.0
-"""Amplitude of sines and chirps: 0.6 V peak to peak by eq. 6.7 (sine fits of Table E.1)."""
+"""Amplitude of sines and chirps: 0.6 V peak to peak, converted by eq. 6.7 (sine fits of Table E.1)."""
 CHIRP_S = 500.0
 """Longest sweep of the signal generator (section 6.2.2)."""
 OPERATING_V = -5.0
 STEPS_LEAD_S = 20.0
-"""Time from the operating point to the first level of the steps, omitted from the record."""
+"""Time from the operating point to the first level of the steps; the record omits it."""
 SINES = tuple(f"S{number}" for number in range(2, 14))
 LONG_CHIRP = ("C21", "C22", "C23")
 TOGETHER = {"sines": SINES, "short chirp": ("C11",), "long chirp": LONG_CHIRP, "steps": ("St1",)}
@@ -44,17 +44,17 @@ TOGETHER = {"sines": SINES, "short chirp": ("C11",), "long chirp": LONG_CHIRP, "
 EVERYTHING = (*SINES, "C11", *LONG_CHIRP, "St1", "St2")
 LOGGED = ("n_set", "n_e", "M_g")
 LAST_HZ = 0.9
-"""Highest frequency at which no limit acts at the trial's amplitude on any drawn ship. On the fastest ships the smoke
-limit acts from 0.94 Hz, on the tug the torque's rate limit from 1.16 Hz. No fitted structure has these limits, so S13
+"""Highest frequency at which, at the trial's amplitude, no limit acts on any drawn ship. The smoke limit acts from
+0.94 Hz on the fastest ships, the torque's rate limit from 1.16 Hz on the tug. No fitted structure has these limits, so S13
 (1.637 Hz) is not fitted, and chirps are cut at this frequency.
 """
 RATE_HZ = 20.0
 """Sample rate at which linear interpolation of the set point is accurate."""
 SIMULATED_HZ = 200.0
 STEADY_S, PAUSE_S, LEAD_S = 300.0, 20.0, 2.0
-"""Time before the first experiment, between experiments, and of the constant set point at the start of each record."""
+"""Times: before the first experiment, between experiments, and at constant set point at the start of each record."""
 SPREAD = 0.1
-"""Half width of the ranges, relative to the tug's values, from which each trial's ship is drawn."""
+"""Half width, relative to the tug's values, of the ranges from which each trial's ship is drawn."""
 DRAWN = (
     "shaft.inertia_kg_m2",
     "shaft.propeller_side_inertia_kg_m2",
@@ -66,7 +66,7 @@ DRAWN = (
     "operating_point.g",
 )
 FAULTS: tuple[Kind, ...] = ("A", "B", "C", "D1", "D2", "gap", "dropout")
-"""Faults of section 6.4, and two that occur with any logger. D3 is omitted: it would turn the signal generator's chirp
+"""Faults of section 6.4, and two that any logger may have. D3 is omitted: it would turn the signal generator's chirp
 into a sine.
 """
 
@@ -78,11 +78,9 @@ def plan() -> dict[str, published.FullScaleExperiment]:
 
 
 def excitation(name: str, *, rate_hz: float = 100.0) -> Excitation:
-    """Return the set point of an experiment of Table 6.7, "S1" to "St2", about the operating point.
-
-    Sines last for whole periods within their time in the log. Chirps are logarithmic and last 500 s. Steps go from the level
-    of the lowest voltage to the highest and back, each level for the same time.
-    """
+    """Return the set point of an experiment of Table 6.7, "S1" to "St2", about the operating point."""
+    # Sines last for whole periods within their time in the log; chirps are logarithmic and last 500 s.
+    # Steps go from the level of the lowest voltage to the highest and back, each level for the same time.
     if name not in plan():
         raise InputError(f"experiment {name!r}, expected one of {', '.join(plan())}")
     row = plan()[name]
@@ -103,7 +101,7 @@ def excitation(name: str, *, rate_hz: float = 100.0) -> Excitation:
 
 @cache
 def simulated(name: str) -> Experiment:
-    """Return the tug's response, with perfect sensors, to an experiment or to several of `TOGETHER`."""
+    """Return the tug's response, with perfect sensors, to an experiment or to a group of `TOGETHER`."""
     parts = [excitation(part) for part in TOGETHER.get(name, (name,))]
     record = simulate(Vessel.load(VESSEL), join(parts, name=name) if len(parts) > 1 else parts[0])
     record = replace(record, name=name, signals={signal: record.signals[signal] for signal in LOGGED})
@@ -128,17 +126,17 @@ def drawn(seed: int) -> Vessel:
 
 @dataclass(frozen=True)
 class Twin:
-    """A ship's trial as a raw log at 2 kHz with noise, faults and disturbance by moving water, and the true values."""
+    """A simulated trial: the raw log at 2 kHz with noise, faults and disturbed inflow, and the true values."""
 
     vessel: Vessel
     log: Log
     recorded: Truth
     processed: dict[float, dict[str, Experiment]] = field(default_factory=dict, repr=False)
-    """Requested experiments by rate and name."""
+    """Processed experiments by rate and name."""
 
     @classmethod
     def of(cls, seed: int, names: Sequence[str] = EVERYTHING, *, still: bool = False) -> Twin:
-        """Make the trial of a seed: ship, disturbance by water, faults; `still` omits disturbance, noise and faults."""
+        """Simulate the trial of a seed, which sets ship, inflow and faults; `still` omits inflow, noise and faults."""
         vessel = drawn(seed)
         silent = Sensors(set_point_noise_V=0.0, torque_noise_V=0.0, pulse_noise_V=0.0)
         log, truth = simulate_raw_log(
@@ -156,11 +154,11 @@ class Twin:
 
     @property
     def truth(self) -> dict[str, float]:
-        """Parameters of the linear structure at the operating point."""
+        """True parameters of the linear structure at the operating point."""
         return parameters_of(self.vessel)
 
     def experiments(self, names: Sequence[str], rate_hz: float = RATE_HZ) -> list[Experiment]:
-        """Cut experiments from the log like `shipfp process`; only their times are taken from the truth."""
+        """Process experiments from the log like `shipfp process`; only the times of the windows are the true ones."""
         if rate_hz not in self.processed:
             recorded = replace(self.recorded, windows=tuple(map(_fitted, self.recorded.windows)))
             trial = Trial.model_validate(trial_tables(VESSEL, self.log.name, Sensors(), recorded))
@@ -173,7 +171,7 @@ class Twin:
 
 
 def _fitted(window: TrueWindow) -> TrueWindow:
-    """Return the fitted time range of an experiment: from the rest before it to its end or to `LAST_HZ`."""
+    """Return the fitted time range of an experiment: from `LEAD_S` before it to its end or to `LAST_HZ`."""
     row = plan()[window.name]
     start, stop, length = row.frequency_hz, row.stop_frequency_hz, window.stop_s - window.start_s
     if start is not None and stop is not None and stop > LAST_HZ:

@@ -1,4 +1,4 @@
-"""The tug's trial on ships with known parameters: Table 7.1 with true values, for many seeded trials."""
+"""The tug's trial on many simulated ships with known parameters: Table 7.1 beside the true values."""
 
 from __future__ import annotations
 
@@ -39,9 +39,9 @@ FREE = ("p", "tau_prop", "vK_p", "vK_i", "T_d", "T_set")
 SHOWN = ("tau_n", "g", *FREE)
 ELEMENTS = ("dead_time_loop", "dead_time_set_point", "actuator_lag", "twist", "late_torque")
 KNOWN = ("tau_n", "g", "tau_act", "tau_twist")
-"""Parameters that are given, not estimated. The actuator's lag and the shaft's twist are known from drawings, the inertia
-(tau_n) from a torsional vibration calculation, the engine's slope (g) from its factory test. Speeds and gauge torque do
-not determine tau_n, g and v separately.
+"""Parameters that are fixed, since speeds and gauge torque do not determine tau_n, g and v separately. The actuator's lag
+and the shaft's twist are known from drawings, the inertia (tau_n) from a torsional vibration calculation, the engine's
+slope (g) from its factory test.
 """
 
 
@@ -51,10 +51,7 @@ def experiments_of(part: str) -> tuple[str, ...]:
 
 
 def fitted_parts(twin: Twin, parts: Sequence[str]) -> dict[str, Fingerprint]:
-    """Identify parts of a trial separately, given the true values of `KNOWN`.
-
-    The chirp's estimates are the start of the other fits.
-    """
+    """Identify parts of a trial separately, given the true `KNOWN`; the other fits start at the chirp's estimates."""
     known = {name: twin.truth[name] for name in KNOWN}
     ship = Structure.ship(ELEMENTS, torque="gauge", propeller_speed=True)
     structure = ship.with_fixed(**known, zeta_twist=0.5).with_prior(T_M=(0.0, 3e-3))
@@ -69,14 +66,14 @@ def fitted_parts(twin: Twin, parts: Sequence[str]) -> dict[str, Fingerprint]:
 
 
 def fitted_as_the_thesis(twin: Twin, part: str) -> Fingerprint:
-    """Fit the thesis's structure to a part of the trial, with the weights of the thesis's sine fits, refitted."""
+    """Fit the thesis's structure to a part of the trial, with the thesis's assumption of white noise."""
     records = twin.experiments(experiments_of(part))
     return identify(records, thesis_structure(), noise="white", starts=1, vessel=VESSEL)
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """A trial of a ship: the truth and the estimates of each part; no estimates if a fit failed."""
+    """Truth of a simulated trial, and each part's estimates; no estimates if a fit failed."""
 
     seed: int
     truth: Mapping[str, float]
@@ -84,7 +81,7 @@ class Outcome:
 
 
 def outcome(seed: int, parts: Sequence[str]) -> Outcome:
-    """Make a trial and identify parts of it."""
+    """Simulate a trial and identify parts of it."""
     names = tuple(dict.fromkeys(name for part in parts for name in experiments_of(part)))
     twin = Twin.of(seed, names)
     try:
@@ -95,14 +92,14 @@ def outcome(seed: int, parts: Sequence[str]) -> Outcome:
 
 
 def outcomes(seeds: Sequence[int], parts: Sequence[str]) -> Iterator[Outcome]:
-    """Yield the outcomes of many seeds as they are completed, on all processors."""
+    """Compute the outcomes of many seeds on all processors, and yield each on completion."""
     with pool_of("processes", None, None) as pool:
         for future in as_completed([pool.submit(outcome, seed, parts) for seed in seeds]):
             yield future.result()
 
 
 class Score(NamedTuple):
-    """Accuracy of a parameter over the trials that determine it; in some trials noise drives the dead time to its bound."""
+    """Accuracy of a parameter over the trials that determine it; noise drives the dead time to its bound in some trials."""
 
     trials: int
     inside: float
@@ -135,7 +132,7 @@ def standing(found: Sequence[Outcome], part: str) -> float:
 
 
 def agreement(told: Mapping[str, Fingerprint], name: str) -> list[float]:
-    """Return the pairwise differences of the parts' estimates of a parameter, in their joint standard deviations."""
+    """Return pairwise differences of the parts' estimates of a parameter, in units of their joint standard deviation."""
     return [
         math.nan
         if one.value is None or other.value is None or not one.std or not other.std
@@ -145,7 +142,7 @@ def agreement(told: Mapping[str, Fingerprint], name: str) -> list[float]:
 
 
 def fit_to_steps(twin: Twin, told: Fingerprint) -> dict[str, dict[str, float]]:
-    """Return the fit of the ship, simulated with the estimates, to the steps [%]; these reach the ship's limits."""
+    """Return the fit to the steps [%] of the ship simulated with the estimates; the steps reach the ship's limits."""
     known = {name: twin.truth[name] for name in KNOWN}
     estimates = {name: float(e.value) for name in FREE if (e := told.parameters[name]).value is not None}
     ship = with_parameters(Vessel.load(VESSEL), {**known, **estimates})
@@ -157,7 +154,7 @@ def fit_to_steps(twin: Twin, told: Fingerprint) -> dict[str, dict[str, float]]:
 
 
 def reproduce(draws: int = 1, progress: Progress | None = None) -> Reproduction:
-    """Identify the tug's trial on the tug itself, part by part, then the short chirp on as many drawn ships."""
+    """Identify the simulated tug's trial part by part, then the short chirp of drawn ships, `draws` ships in all."""
     parts = (*PARTS, ALL)
     jobs, done = 1 + len(parts) + len(PARTS) + draws - 1, 0
 
@@ -193,7 +190,7 @@ def reproduce(draws: int = 1, progress: Progress | None = None) -> Reproduction:
 
 
 def table(found: Mapping[str, Score]) -> list[str]:
-    """Return lines of text, one for each parameter."""
+    """Return a line of text for each parameter."""
     lines = [f"{'':9} trials  truth inside 95 %  median error  predicted std"]
     for name, s in found.items():
         lines.append(f"{name:9} {s.trials:6d} {s.inside:18.1%} {s.error_pct:11.2f} % {s.std_pct:12.2f} %")

@@ -1,4 +1,4 @@
-"""Chapters 3 to 5 of the thesis on the virtual ship: Table 5.2 refitted as in the thesis, and with accurate data."""
+"""Chapters 3 to 5 of the thesis on the virtual ship: Table 5.2 refitted with the thesis's data and with accurate data."""
 
 from __future__ import annotations
 
@@ -64,14 +64,14 @@ CORRECTIONS = (
 )
 SIGNALS = {"dn": "n_e", "dE": "E_n", "dM": "M_b", "dX": "X_f"}
 MEASURED = ("dn", "dn dE", "dn dM", "dn dE dM", "dn dM dX")
-"""Sets of measured signals whose number of determined unknowns is counted (Table 4.2)."""
+"""Sets of measured signals for which the determined unknowns are counted (Table 4.2)."""
 Figures = Mapping[str, float]
 Found = Mapping[tuple[str, Way, str], Figures]
 SMALL = ("ii", "iii", "iv")
 
 
 class _Job(NamedTuple):
-    """A fit; its data are computed only when it runs, since they are large."""
+    """A fit; its data are large, so they are computed only when it runs."""
 
     case: str
     way: Way
@@ -92,7 +92,7 @@ def reproduce(progress: Progress | None = None) -> Reproduction:
     steps = {"thesis": validation_steps(launch_of_the_thesis(), "euler"), "ours": validation_steps(launch())}
     truth = shown(asdict(linearise(launch())))
     for job in counted((*_thesis_jobs(), *_our_jobs()), progress):
-        # The trials start at rest without noise or offset, as in section 5.2.
+        # As in section 5.2, the trials start at rest and have no noise or offset.
         options = Options(noise=job.noise, intervals="symmetric", at_rest=True)
         fingerprint = fingerprint_of(posed([job.data()], job.structure, options), VESSEL)
         fingerprints[f"{job.case}, {job.way}: {job.structure.name}"] = fingerprint
@@ -168,7 +168,7 @@ def _validated(fit: Mapping[str, float | None]) -> dict[str, float | None]:
 
 
 def _true_parameters() -> tuple[Row, ...]:
-    """Case i, without a fit: the linear model of the true parameters for three steps."""
+    """Rows of case i, which needs no fit: the linear model with the true parameters, validated by three steps."""
     thesis, ours = launch_of_the_thesis(), launch()
 
     def row(case: str, way: Way, vessel: Vessel, steps: Experiment, notes: str) -> Row:
@@ -187,7 +187,7 @@ def _true_parameters() -> tuple[Row, ...]:
 
 
 def relations_of(values: LinearModel) -> dict[str, tuple[float, float]]:
-    """Return both sides of every line of Table 4.2, corrected, with the coefficients of eq. B.1 to B.3."""
+    """Return both sides of every equation in the corrected Table 4.2, with the coefficients of eq. B.1 to B.3."""
     tau, g, vK_p, vK_i = values.tau_n, values.g, values.v * values.K_p, values.v * values.K_i
     a, b, c, d, e = (2 - g + vK_p) / tau, vK_i / tau, vK_p / tau, vK_i / tau, (2 - g) / tau
     f, h, i = vK_p, (vK_i * tau + 2 * vK_p) / tau, 2 * vK_i / tau
@@ -219,7 +219,7 @@ def _beside(
 
 
 def _gains() -> tuple[Row, Row]:
-    """Table 3.4, with the parameters of eq. 5.1 where it is printed as a formula."""
+    """Rows of Table 3.4; an entry printed as a formula is evaluated with the parameters of eq. 5.1."""
     model, structure = linearise(launch()), "linear, eq. 3.31, 3.35, 3.38"
     printed = {"dn(0)": 1.0, "dE(0)": 2.583 / 1.583, "dM(0)": 2.0, "dM(inf)": 15.83}
     found = [*(model.dc_gain(output) for output in ("dn", "dE", "dM_b")), model.high_frequency_gain("dM_b")]
@@ -277,7 +277,7 @@ def _normalised() -> list[Row]:
 
 
 def _internal_relations() -> tuple[list[Row], dict[str, Fingerprint]]:
-    """Table 4.2: how many of five unknowns each set of signals determines, by the rank of the sensitivities."""
+    """Rows of Table 4.2: the rank of the sensitivities tells how many of five unknowns each set of signals determines."""
     model = linearise(launch())
     known: dict[str, float | None] = {"tau_n": model.tau_n, "g": model.g}
     known |= {"vK_p": model.v * model.K_p, "vK_i": model.v * model.K_i}

@@ -25,8 +25,8 @@ Discretisation = Literal["zoh", "euler"]
 
 VESSEL = "stan-launch-804"
 STEP_S = 0.01
-"""Step of the thesis's simulation, inferred from times in hundredths of a second in Table 5.1 and from the bias of its
-results.
+"""Step of the thesis's simulation, inferred from the times in Table 5.1 (hundredths of a second) and from the bias of
+its results.
 """
 SMALL_RPM, LARGE_RPM = 13.0, 104.0
 """Amplitudes of cases ii to iv and of case v: 0.01 and 0.08 of 1300 rpm (section 5.1)."""
@@ -36,7 +36,7 @@ STEP_EVERY_S = 20.0
 TAU_N_S = 1.442
 """True value of eq. 5.1."""
 START = {"tau_n": 2.5, "g": -2.5, "v": 3.5, "K_p": 10.0, "K_i": 3.0, "vK_p": 35.0, "vK_i": 10.5}
-"""Start of every search, eq. 5.2."""
+"""Starting values of every search, eq. 5.2."""
 BOUNDS = {
     "tau_n": (0.01, 5.0),
     "g": (-3.0, -0.01),
@@ -48,28 +48,26 @@ BOUNDS = {
 }
 """Bounds of every search, eq. 5.3 to 5.7."""
 POINT_STD = 1e-3
-"""Standard deviation given to every settled sine, relative to its output's root mean square over the frequencies."""
+"""Assumed standard deviation of a settled sine, relative to its output's root mean square over the frequencies."""
 ACCURATE_RATE_HZ = 50.0
-"""Sample rate of accurate data; plant and model interpolate the set point identically between samples."""
+"""Sample rate of accurate data; plant and model interpolate the set point between samples in the same way."""
 SAMPLES_A_PERIOD = 400
 """Samples per period of accurate data; linear interpolation between them reduces a sine by 2e-5."""
 SUBSTEPS = 30
-"""Integration steps per sample of the fitted plant: without noise the error of the kernel's 4 ms step would matter."""
+"""Integration steps per sample of the fitted plant; without noise, the error of the kernel's 4 ms step would matter."""
 SETTLED = 22.0
-"""Time constants of the slowest pole after which a sine counts as settled: the transient is then e^-22 = 3e-10."""
+"""Settling time of a sine, in time constants of the slowest pole; the transient is then e^-22 = 3e-10."""
 
 
 def launch() -> Vessel:
-    """Return the virtual ship as configured, with gearbox losses and hence tau_n 1.514 s."""
+    """Return the virtual ship of the vessel file; with its gearbox losses, tau_n is 1.514 s."""
     return Vessel.load(VESSEL)
 
 
 def launch_of_the_thesis() -> Vessel:
-    """Return the ship with the true values of eq. 5.1, including tau_n 1.442 s.
-
-    Without gearbox losses, so M_s0 = 3 x 222.93 Nm, eq. 3.23 gives 1.438 s; the remaining 0.25 %, which the thesis does not
-    explain, are added to the inertia.
-    """
+    """Return the ship with the true values of eq. 5.1, including tau_n 1.442 s."""
+    # Without gearbox losses, M_s0 is 3 x 222.93 Nm and eq. 3.23 gives tau_n 1.438 s.
+    # The thesis does not explain the remaining 0.25 %, which are added to the inertia.
     lossless = launch().replace({"gearbox.efficiency": 1.0})
     inertia = lossless.shaft.inertia_kg_m2 * TAU_N_S / linearise(lossless).tau_n
     return lossless.replace({"shaft.inertia_kg_m2": inertia})
@@ -91,7 +89,7 @@ def trial(vessel: Vessel, case: str, method: Method = "rk4", *, limits: bool = T
 
 
 def run(vessel: Vessel, set_point: Excitation, method: Method = "rk4", *, limits: bool = True) -> Experiment:
-    """Simulate accurately, or by forward Euler with the set point held over each step, as for the thesis's data."""
+    """Simulate accurately, or as the thesis does: by forward Euler with the set point held over each step."""
     held = replace(set_point, hold="zero") if method == "euler" else set_point
     return simulate(vessel, held, method=method, limits=limits)
 
@@ -99,30 +97,27 @@ def run(vessel: Vessel, set_point: Excitation, method: Method = "rk4", *, limits
 def validation_steps(
     vessel: Vessel, method: Method = "rk4", *, size: float = 0.05, limits: bool = True
 ) -> Experiment:
-    """Return three steps, each `size` of the operating point, 20 s apart and after 20 s at rest (section 5.1.3)."""
+    """Return the response to three steps of `size` times the operating speed, every 20 s from 20 s on (section 5.1.3)."""
     step_rpm = size * vessel.operating_point.n_e_rpm
     steps = signals.steps([step_rpm] * 3, STEP_EVERY_S, lead_s=STEP_EVERY_S, rate_hz=1.0 / STEP_S)
     return run(vessel, steps, method, limits=limits)
 
 
 def settled_response(vessel: Vessel, method: Method = "rk4", *, limits: bool = True) -> FrequencyResponse:
-    """Return the plant's response to each sine of Table 5.1 after the transient, by a sine fit to a whole period.
-
-    The standard deviations are `POINT_STD` of each output's root mean square over the frequencies. With this weight, the
-    thesis's "Output Weight" (section 5.2), speed and torque have equal influence.
-    """
+    """Return the plant's response to each sine of Table 5.1, from one whole period after the transient."""
+    # Equal relative standard deviations give speed and torque equal influence, like the "Output Weight" of section 5.2.
     sequence = signals.published_sine_sequence()
     frequency = np.array([segment.frequency_hz for segment in sequence.segments])
     settling_s = SETTLED / np.abs(linearise(vessel).poles).min()
     names = ("n_set", "n_e", "M_b", "E_n")
     lines: list[list[complex]] = []
     for value in frequency:
-        # Euler has a fixed step, and the periods of Table 5.1 are multiples of it.
+        # Euler's step is fixed; the periods of Table 5.1 are multiples of it.
         samples = round(1.0 / (value * STEP_S)) if method == "euler" else SAMPLES_A_PERIOD
         periods = math.ceil(settling_s * value) + 1
         sine = signals.sine_sequence([value], periods, SMALL_RPM, rate_hz=samples * value)
         experiment = run(vessel, sine, method, limits=limits)
-        # Over a whole period a sine fit equals a line of the Fourier transform.
+        # A sine fit over a whole period equals a line of the Fourier transform.
         lines.append([np.fft.rfft(experiment.normalised(name)[-samples:])[1] for name in names])
     set_point, *answers = np.array(lines).T
     response = {name: answer / set_point for name, answer in zip(names[1:], answers, strict=True)}
@@ -134,7 +129,7 @@ def settled_response(vessel: Vessel, method: Method = "rk4", *, limits: bool = T
 
 
 def searched_as_printed(structure: Structure) -> Structure:
-    """Return a structure with the start and bounds of section 5.4."""
+    """Return the structure with the start and bounds of section 5.4."""
     names = [parameter.name for parameter in structure.free]
     # Start and bounds are set in one call, since new bounds might exclude the old start.
     return structure.with_bounds(**{name: (BOUNDS[name][0], START[name], BOUNDS[name][1]) for name in names})
@@ -146,7 +141,7 @@ def thesis_structure() -> Structure:
 
 
 def sampled_structure(discretisation: Discretisation) -> Structure:
-    """Return the structure of section 5.3 with the response of its discretisation, exact or by forward Euler."""
+    """Return the structure of section 5.3 with the frequency response of its exact or forward Euler discretisation."""
     linear = thesis_structure()
 
     def response(values: Mapping[str, Any], frequency_hz: Array) -> ComplexArray:
@@ -183,13 +178,13 @@ def shown(values: Mapping[str, float]) -> dict[str, float]:
 
 
 def model_of(figures: Mapping[str, float | None]) -> LinearModel:
-    """Return the linear model of the four parameters of Table 5.2, with v = 1: only its products with the gains matter."""
+    """Return the linear model of the four parameters of Table 5.2; v is 1, since only its products with the gains matter."""
     tau_n, g, vK_p, ratio = (float(figures[name] or 0.0) for name in ("tau_n", "g", "vK_p", "K_p/K_i"))
     return LinearModel(tau_n=tau_n, g=g, v=1.0, K_p=vK_p, K_i=vK_p / ratio, p=2.0, tau_prop=0.0)
 
 
 def fit_pct(structure: Structure, values: Mapping[str, float], experiment: Experiment) -> dict[str, float]:
-    """Return the fit of a structure that starts from rest to an experiment, "dn" and "dM" in per cent (eq. 4.9)."""
+    """Return the fit of a structure, simulated from rest, to an experiment: "dn" and "dM" [%] (eq. 4.9)."""
     rows = structure.equations.simulate(values, experiment)
     names = {out: structure.signal_for(out, experiment.signals, experiment.name) for out in structure.outputs}
     fits = fits_to(experiment, dict(zip(names.values(), rows, strict=True)))
@@ -197,10 +192,8 @@ def fit_pct(structure: Structure, values: Mapping[str, float], experiment: Exper
 
 
 def euler_bias(model: LinearModel, step_s: float = STEP_S) -> float:
-    """Return the tau_n that an exact model estimates from forward Euler data: tau h a / -ln(1 - h a).
-
-    a = (p - g + v K_p)/tau_n is approximately the fast pole. Per step h, Euler multiplies the fast mode by 1 - h a; an
-    exact model interprets this as exp(-h a'), and a' tau' = a tau.
-    """
+    """Return the tau_n that an exact model estimates from forward Euler data: tau h a / -ln(1 - h a)."""
+    # a = (p - g + v K_p)/tau_n is approximately the fast pole.
+    # Per step h, Euler multiplies the fast mode by 1 - h a; an exact model reads this as exp(-h a'), with a' tau' = a tau.
     a = (model.p - model.g + model.v * model.K_p) / model.tau_n
     return float(model.tau_n * step_s * a / -math.log1p(-step_s * a))

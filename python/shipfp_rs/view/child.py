@@ -1,4 +1,4 @@
-"""Process that checks or runs a trial for a page; it reports progress in lines and ends with its parent."""
+"""Child process that checks or runs a trial for a page; it reports progress in lines and ends with its parent."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 GRACE_S = 10.0
-"""Time for clean-up after a stop, before the process exits."""
+"""Time for clean-up after a stop, before the process exits [s]."""
 
 
 def tell(**message: Any) -> None:
@@ -58,7 +58,7 @@ def main(arguments: list[str]) -> int:
     except (ShipfpError, OSError, MemoryError) as error:
         tell(error=" ".join(str(error).split()) or type(error).__name__)
         return 2
-    except Exception as error:  # the page shows it instead of a traceback
+    except Exception as error:  # the page shows the error instead of a traceback
         tell(error=f"internal error: {type(error).__name__}: {error}")
         return 1
     return 0

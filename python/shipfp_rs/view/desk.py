@@ -1,4 +1,4 @@
-"""Requests of a page: documents of one folder, their tiles, drafts of trials, jobs and results."""
+"""Answers to a page's requests: documents of one folder, their tiles, drafts of trials, jobs and results."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from shipfp_rs.view.jobs import Jobs
 from shipfp_rs.view.results import Results
 
 NAME = re.compile(r"[^/\\\0:.][^/\\\0:]{0,99}\.toml")
-"""Permitted file names: a TOML file without a path."""
+"""Permitted file names: those of TOML files, without a folder."""
 NO_VESSEL = Header.model_fields["vessel"].default
 """The ship of a trial without a vessel."""
 MOST_TILES = 256
@@ -45,7 +45,7 @@ Asked = Mapping[str, str]
 
 
 class Desk:
-    """The viewed folder and its open documents; no other folder is written to."""
+    """The viewed folder and its open documents; the desk writes to no other folder."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder.resolve()
@@ -92,12 +92,12 @@ class Desk:
             return self._documents[key]
 
     def open_trial(self, path: Path) -> list[int]:
-        """Numbers of the documents of a trial's logs, in order; paths are relative to the trial's folder."""
+        """Open a trial's logs and return their documents' numbers, in order; paths are relative to the trial's folder."""
         logs, rate_hz = _logs_of(path)
         return [self.open(log, rate_hz, path) for log in logs]
 
     def open_log(self, path: Path, rate_hz: float | None = None) -> int:
-        """Number of a log's document, with the newest TRIAL.toml in the folder that names the log, if any."""
+        """Open a log, with the newest TRIAL.toml in the folder that names it, and return its document's number."""
         for trial in self.trials_of(path):
             return self.open(path, rate_hz or _logs_of(trial)[1], trial)
         return self.open(path, rate_hz)
@@ -108,7 +108,9 @@ class Desk:
         for file, _ in self._files(".toml"):
             with contextlib.suppress(*UNREADABLE):
                 if log in [one.resolve() for one in _logs_of(file)[0]]:
-                    drafts.read_draft(file)  # skip files that the page can't edit
+                    drafts.read_draft(
+                        file
+                    )  # raises for a file that the page can't edit, which is then skipped
                     found.append((file.stat().st_mtime_ns, file))
         return [file for _, file in sorted(found, reverse=True)]
 
@@ -119,7 +121,7 @@ class Desk:
         return self._open[number]
 
     def tiles(self, asked: Asked) -> bytes:
-        """Concatenated tiles; `want` lists them as series.level.index, separated by commas."""
+        """Concatenated tiles; the request's `want` lists them as series.level.index, separated by commas."""
         series = self._document(asked).series()
         wanted = _text(asked, "want").split(",")
         if len(wanted) > MOST_TILES:
@@ -136,7 +138,7 @@ class Desk:
             for place, level, tile in jobs[index]:
                 parts[place] = series[index].tile(level, tile)
 
-        # Samples are read from disk by channel, on all processors.
+        # Each channel is read by one thread, on all processors.
         side_by_side([partial(fill, index) for index in jobs], threading.Event())
         return b"".join(parts)
 
@@ -162,10 +164,7 @@ class Desk:
         return {"folder": self.folder.name, **{key: found[:MOST_ENTRIES] for key, found in shown.items()}}
 
     def _files(self, suffix: str = "") -> Iterator[tuple[Path, int]]:
-        """Yield the regular files of the folder, in order, with their sizes: no pipes, devices or broken links.
-
-        With a suffix, only files that have it and are small enough to be configuration.
-        """
+        """Yield the regular files of the folder with their sizes; with a suffix, only small files that have it."""
         for entry in sorted(self.folder.iterdir())[: 20 * MOST_ENTRIES]:
             with contextlib.suppress(OSError):
                 status = entry.stat()
@@ -248,7 +247,7 @@ class Desk:
         return document.trial and document.trial.resolve()
 
     def _writable(self, name: Any) -> Path:
-        """Path of a file that may be written: by name, in the trial's folder."""
+        """Path of a writable file in the trial's folder, from its name."""
         if not isinstance(name, str) or not NAME.fullmatch(name):
             raise InputError(f"file: found {name!r}, expected a name like TRIAL.toml, without a folder")
         path = self.folder / name
@@ -261,7 +260,7 @@ class Desk:
         return path
 
     def _trial(self, text: str, path: Path) -> Trial:
-        """Trial that the text of a TRIAL.toml describes; paths of logs and vessel are relative to the viewed folder."""
+        """Trial described by the text of a TRIAL.toml; paths of logs and vessel are relative to the viewed folder."""
         trial = drafts.checked(text, path.name)
         header = trial.trial
         changes: dict[str, Any] = {"log": tuple(str(self.folder / log) for log in header.log)}

@@ -1,4 +1,4 @@
-"""Log as viewed: channels at any zoom, faults, windows, spectra, and processed signals."""
+"""One viewed log: channels at any zoom, faults, windows, spectra, and processed signals."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from shipfp_rs.view.jobs import Background, Progress
 from shipfp_rs.view.results import Series
 
 SPECTRUM_S = 300.0
-"""Longest stretch for a spectrum, about the middle of the selection."""
+"""Longest stretch for a spectrum [s]; a longer selection is cut to this stretch about its middle."""
 SPECTRUM_POINTS = 2000
 LEAST_SPECTRUM = 64
 """Fewest samples for a spectrum."""
@@ -78,7 +78,7 @@ class Document:
         return [*self.raw.wait(), *self.processed]
 
     def facts(self) -> dict[str, Any]:
-        """Data that the page needs before it draws."""
+        """Data that the page needs before it can draw."""
         told = {
             "name": self.path.name,
             "trial": self.trial and self.trial.name,
@@ -99,7 +99,7 @@ class Document:
         }
 
     def _faults(self, _: Progress) -> dict[str, Any]:
-        """Results of `shipfp inspect`, with the trial if there is one, and the kinds of faults that were not searched."""
+        """Faults that `shipfp inspect` finds, given the trial if any, and the kinds of fault not looked for."""
         from shipfp_rs.inspection import inspect_log  # SciPy takes long to load
 
         trial = None
@@ -111,14 +111,14 @@ class Document:
         channels = {one.channel.name: one.channel for one in self.raw.wait()}
         faults = []
         for fault in found.faults:
-            # The clock is no channel; its spans count samples at the first channel's rate.
+            # The clock is no channel: spans of its faults count samples at the first channel's rate.
             about = channels.get(fault["channel"]) or next(iter(channels.values()))
             times = [[about.start_s + edge / about.rate_hz for edge in span] for span in fault["spans"]]
             faults.append({**fault, "label": KINDS.get(fault["kind"], fault["kind"]), "times": times})
         return {"faults": faults, "left_out": [KINDS[kind] for kind in left_out]}
 
     def windows(self, driver: str, load: str | None = None) -> Background[tuple[str, list[FoundWindow]]]:
-        """Name of the exciting channel (set point or load) and the windows found in it; searched only once."""
+        """Search for the exciting channel (set point or load) and its windows, started only once."""
         self.log().channel(driver)
         with self._lock:
             if (driver, load) not in self._windows:
@@ -139,20 +139,20 @@ class Document:
         }
 
     def within(self, driver: str, load: str | None, start_s: float, stop_s: float) -> dict[str, Any]:
-        """Windows in a stretch, and the longest window in which set point or load moves."""
+        """Windows in a stretch, and the longest of those in which set point or load moves."""
         _, found = moved(self.log(), driver, load, start_s, stop_s)
         moving = [one for one in found if one.kind != "steady"]
         main = max(moving or found, key=lambda one: one.stop_s - one.start_s, default=None)
         return {"found": [_found(one) for one in found], "main": main and _found(main)}
 
     def mean(self, index: int, start_s: float, stop_s: float) -> dict[str, float | None]:
-        """Mean of a stretch of a series, as the reading for a calibration."""
+        """Mean of a stretch of a series, used as a reading in a calibration."""
         values = self._stretch(self._one(index), start_s, stop_s)
         values = values[np.isfinite(values)]
         return {"mean": float(values.mean()) if values.size else None}
 
     def spectrum(self, index: int, start_s: float, stop_s: float) -> dict[str, Any]:
-        """Amplitude spectrum of a stretch, as extremes if there are too many lines to draw."""
+        """Amplitude spectrum of a stretch and its peaks; too many lines to draw are reduced to the largest of each group."""
         from shipfp_rs.inspection.checks import amplitude_spectrum, find_peaks
 
         series = self._one(index)
@@ -180,7 +180,7 @@ class Document:
         }
 
     def pulses(self, index: int, start_s: float, stop_s: float) -> dict[str, Any]:
-        """Pulses a second of a train along a stretch, where they are too many to be drawn one by one."""
+        """Pulse rate [1/s] along a stretch; empty if its pulses are few enough to be drawn one by one."""
         channel = self._one(index).channel
         search = Background(lambda _: pulse_times(self.log().chunks(channel.name), channel.rate_hz).times_s)
         edges = channel.start_s + self._edges.setdefault(channel.name, search).wait()
@@ -193,7 +193,7 @@ class Document:
         return {"time": middle.tolist(), "rate": rate.tolist()}
 
     def process(self, trial: Trial) -> dict[str, Any]:
-        """Start processing the windows of a trial; one trial at a time."""
+        """Start to process the windows of a trial, unless a trial is being processed, and return the state."""
         with self._lock:
             if self._processed is not None and not self._processed.done.is_set():
                 return self._processed.state()

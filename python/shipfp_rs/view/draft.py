@@ -1,4 +1,4 @@
-"""Drafts of TRIAL.toml and of a vessel file, as edited on the page: other content and comments are kept."""
+"""Drafts of TRIAL.toml and of a vessel file, edited on the page; content that the page can't edit and comments are kept."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ LINE = re.compile(
 
 
 class Line(NamedTuple):
-    """Line of the template. The key of a heading is the table's name; comments and empty lines have no key."""
+    """Line of the template. A heading's key is the table's name; comments and empty lines have no key."""
 
     text: str
     key: str = ""
@@ -41,12 +41,12 @@ class Line(NamedTuple):
 
 
 def fields() -> list[dict[str, Any]]:
-    """Fields of the form: headings of tables, and keys with example and description."""
+    """Fields of the vessel form: table headings, and keys with example and description."""
     return [line._asdict() for line in _lines() if line.key]
 
 
 def vessel_file(values: Mapping[str, str], source: str) -> str:
-    """Text of a vessel file from the values entered for dotted keys; keys without a value remain as comments."""
+    """Text of a vessel file from values by dotted key; a key without a value stays a comment."""
     given = {key: value.strip() for key, value in values.items() if value.strip()}
     if unknown := given.keys() - {line.key for line in _lines() if not line.is_table}:
         raise InputError(f"{source}: {min(unknown)}: found an unknown key, expected a key of the form")
@@ -68,7 +68,7 @@ def _filled(line: Line, given: Mapping[str, str]) -> str:
 
 
 def _value(typed: str, example: str) -> str:
-    """Entered text as TOML: a number if text and example are numbers, else a string that the loader validates."""
+    """Entered text as TOML: a number if text and example are numbers, else a string, which the loader validates."""
     if not example.startswith('"'):
         for number in (int, float):
             with suppress(ValueError):
@@ -128,7 +128,7 @@ class DraftChannel(Section):
     """Name of the table of a pulse train or speed; if empty, the column's name."""
     pulses_per_rev: Annotated[int, Field(ge=1, le=100_000)] | None = None
     shaft: Literal["engine", "propeller", ""] = ""
-    """Pulses and shaft of a train: None and empty until the user gives them."""
+    """Shaft of a train; empty, like None for the pulses, until the user gives it."""
     threshold: Number | None = None
 
 
@@ -147,14 +147,14 @@ class Draft(Section):
 
     name: Short = "Trial"
     vessel: Short = ""
-    """Vessel in the trial's header; empty: none, engine and propeller turn at the same speed."""
+    """Vessel in the trial's header; if empty, the trial has none, and engine and propeller turn at the same speed."""
     channels: Annotated[tuple[DraftChannel, ...], Field(strict=False, max_length=1000)] = ()
     steady_s: Stretch | None = None
     windows: Annotated[tuple[DraftWindow, ...], Field(strict=False, max_length=MOST_WINDOWS)] = ()
 
 
 def version_of(path: Path) -> str:
-    """Text that identifies the version of a file; empty without a file."""
+    """Hash of a file's content, which identifies its version; empty if there is no file."""
     return hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else ""
 
 
@@ -173,7 +173,9 @@ def read_draft(path: Path) -> Draft:
             for name in DraftChannel.model_fields
             if table.get(name, TO_BE_GIVEN) != TO_BE_GIVEN
         }
-        known.setdefault("shaft", "" if "shaft" in table else "engine")  # what a file without the key means
+        known.setdefault(
+            "shaft", "" if "shaft" in table else "engine"
+        )  # without the key, the shaft is the engine's
         channels.append({"column": "", **known, "role": role} | ({} if role in LEVELS else {"name": key}))
     marked = content.get("windows", [])
     if not isinstance(marked, list) or not all(isinstance(window, Mapping) for window in marked):
@@ -230,7 +232,7 @@ def checked(text: str, source: str) -> Trial:
 
 
 def problems(text: str, source: str) -> list[dict[str, str]]:
-    """All that a text lacks, in words: "at" is the label of the field on the page, empty for what has none."""
+    """What a TRIAL.toml still lacks: the label of the field on the page ("at", may be empty) and a sentence ("text")."""
     content = parsed_toml(text, source)
     tables, point = _table(content, "channels"), _table(content, "operating_point")
     windows, shipless = content.get("windows", []), "vessel" not in content["trial"]
@@ -379,7 +381,7 @@ def _put_windows(document: Any, windows: Sequence[DraftWindow]) -> None:
 
 
 def guessed(channels: Sequence[Channel]) -> list[DraftChannel]:
-    """Channels whose roles are guessed from names and units; channels without a guess are omitted."""
+    """Draft channels with roles guessed from names and units; channels without a guess are omitted."""
     roles = named_roles(channels)
     levels = {getattr(roles, role): role for role in ("set_point", "command", "torque", "load")}
     found = []
@@ -399,13 +401,7 @@ def guessed(channels: Sequence[Channel]) -> list[DraftChannel]:
 
 
 def factors(unit: str) -> dict[str, dict[str, Any]]:
-    """Return for each role what a channel's unit implies.
-
-    "factor" converts the unit, None if it needs a calibration; "quantity" is power or torque, for a load with this unit.
-
-    A speed has no factor, since TRIAL.toml omits factors of known units of speed; its "asks" is true if the unit needs a
-    calibration.
-    """
+    """What a unit implies, by role: its factor (None: needs a calibration), a load's quantity, whether a speed needs one."""
     unit = told(unit)
     given = {"quantity": "power" if unit in TO_W else "torque"}
     own = {level: given if level is Load else {} for level in LEVELS.values()}

@@ -1,4 +1,4 @@
-"""Background work that a page starts, polls and stops: on a thread, or a run in a process of its own."""
+"""Background work that a page starts, polls and stops: functions on a thread, jobs in a separate process."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ Progress = Callable[[float], None]
 
 
 class Background(Generic[T]):
-    """Result of a function that may take long and reports the completed fraction, 0 to 1."""
+    """Result of a slow function on a thread; the function reports its completed fraction, 0 to 1."""
 
     def __init__(self, function: Callable[[Progress], T]) -> None:
         self._function = function
@@ -72,13 +72,13 @@ class Background(Generic[T]):
 AT_ONCE = 2
 """Largest number of concurrent jobs; each uses all cores."""
 STOP_S = 15.0
-"""Time for a job's clean-up after a stop."""
+"""Time for a job's clean-up after a stop [s]."""
 KEPT_LINES = 50
 
 
 @dataclass
 class Job:
-    """One check or run; `folder` has the results of a run."""
+    """One check or run; a run's results are in `folder`."""
 
     id: int
     kind: str
@@ -88,7 +88,7 @@ class Job:
     state: str = "working"
     progress: str = ""
     share: float = 0.0
-    """Completed fraction; it does not decrease when a part is repeated."""
+    """Completed fraction, which does not decrease when a part of the job is repeated."""
     error: str = ""
     done: dict[str, Any] | None = None
     warnings: list[str] = field(default_factory=list)
@@ -110,13 +110,7 @@ class Jobs:
         self._jobs: dict[int, Job] = {}
 
     def begin(self, kind: str, trial: Path) -> Job:
-        """Start to check or run a trial; a run writes a new folder beside it.
-
-        Raises
-        ------
-        InputError
-            If two jobs are active already, or there is no such trial.
-        """
+        """Start to check or run a trial; a run writes a new folder beside the trial."""
         if not trial.is_file():
             raise InputError(f"{trial.name}: no such file; save the trial first")
         with self._lock:
@@ -145,7 +139,7 @@ class Jobs:
         return self._jobs[number]
 
     def stop(self, number: int) -> Job:
-        """Stop a job as on Ctrl-C; it leaves no files."""
+        """Stop a job as Ctrl-C does; the job leaves no files."""
         job = self.job(number)
         if job.state == "working":
             job.state = "stopping"
@@ -154,7 +148,7 @@ class Jobs:
         return job
 
     def stop_all(self) -> None:
-        """Stop every job and wait for all."""
+        """Stop all jobs and wait for them to end."""
         with self._lock:
             running = [job for job in self._jobs.values() if job.process.poll() is None]
         for job in running:

@@ -1,4 +1,4 @@
-"""Pyramid of minima and maxima beside a log, from which a page draws any zoom with a few thousand numbers.
+"""Pyramid of a log's minima and maxima in a file beside it: a page draws any zoom from a few thousand numbers.
 
 The file consists of pairs of float64, level by level, followed by a description as JSON. A pyramid is valid for one state
 of the log, identified by size, time of change and version of this format; else it is rebuilt.
@@ -48,7 +48,7 @@ _END = b"SHIPFPYR"
 
 
 def extremes(samples: Samples, block: int) -> Array:
-    """Least and greatest finite sample of every `block` samples, the last block possibly shorter, shape (K, 2).
+    """Least and greatest finite sample of each block of `block` samples, shape (K, 2); the last block may be shorter.
 
     Examples
     --------
@@ -64,12 +64,12 @@ def extremes(samples: Samples, block: int) -> Array:
 
 
 def coarser(pairs: Array) -> Array:
-    """Extremes of every four blocks, the last group possibly smaller."""
+    """Extremes of each group of four blocks; the last group may be smaller."""
     return np.column_stack([extremes(pairs[:, side], FACTOR)[:, side] for side in (0, 1)])
 
 
 class Extremes:
-    """Extremes of blocks of 64 samples, and stretches of missing samples, of a channel that comes in chunks."""
+    """Extremes of a channel's blocks of 64 samples and its stretches of missing samples, collected chunk by chunk."""
 
     def __init__(self) -> None:
         self.seen, self.gap_count = 0, 0
@@ -105,7 +105,7 @@ class Stored:
     channel: Channel
     """Name, unit, rate, samples, start."""
     gaps: npt.NDArray[np.int64]
-    """First stretches of missing samples: first and one past the last, shape (G, 2)."""
+    """The first stretches of missing samples, each as its first index and one past its last, shape (G, 2)."""
     gap_count: int
     """Total number of stretches."""
     levels: tuple[Array, ...]
@@ -128,7 +128,7 @@ def key_of(path: Path, rate_hz: float | None) -> dict[str, Any]:
 
 
 def places(path: Path) -> Iterator[Path]:
-    """Yield possible paths of a log's pyramid, best first: beside the log, in the user's cache, in the temporary folder."""
+    """Yield possible paths of a log's pyramid, in order of preference: beside the log, user's cache, temporary folder."""
     name = path.name + SUFFIX
     yield path.parent / name
     digest = hashlib.sha256(str(path.absolute()).encode()).hexdigest()[:16]
@@ -151,13 +151,7 @@ def stored(path: Path, rate_hz: float | None = None) -> Pyramid | None:
 
 
 def made(log: Log, path: Path, rate_hz: float | None = None, progress: Progress = lambda _: None) -> Pyramid:
-    """Read a log once and write its pyramid, atomically.
-
-    Raises
-    ------
-    InputError
-        If the log can't be read, or the pyramid can't be written anywhere.
-    """
+    """Read a log once and write its pyramid atomically; `InputError` if no place can be written."""
     key = key_of(path, rate_hz)
     reason = ""
     for place in places(path):
@@ -180,7 +174,7 @@ def made(log: Log, path: Path, rate_hz: float | None = None, progress: Progress 
 
 @contextlib.contextmanager
 def _appearing(place: Path) -> Iterator[IO[bytes]]:
-    """Yield an unnamed file, which gets its name on completion; if the process is killed before, no file remains."""
+    """Yield an unnamed file that gets its name at the end; if the process is killed earlier, no file remains."""
     if not hasattr(os, "O_TMPFILE") or not Path("/proc/self/fd").exists():
         from shipfp_rs.support.files import replacing
 
@@ -192,7 +186,7 @@ def _appearing(place: Path) -> Iterator[IO[bytes]]:
         file.flush()
         beside = place.with_name(f".{place.name}.{os.getpid()}-{threading.get_ident()}")
         beside.unlink(missing_ok=True)
-        # Only with a folder descriptor, Python follows the link in /proc and links the file itself.
+        # Python follows the link in /proc, and so links the file itself, only if a folder descriptor is given.
         folder = os.open(place.parent, os.O_RDONLY)
         try:
             os.link(f"/proc/self/fd/{file.fileno()}", beside, src_dir_fd=folder, follow_symlinks=True)
@@ -265,7 +259,7 @@ class _Builder:
 
 
 def level_counts(samples: int) -> list[int]:
-    """Number of blocks of every stored level of a channel."""
+    """Number of blocks in each stored level of a channel."""
     counts = [-(-samples // BASE)]
     while counts[-1] > COARSEST:
         counts.append(-(-counts[-1] // FACTOR))

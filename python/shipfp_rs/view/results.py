@@ -28,18 +28,18 @@ Array = npt.NDArray[np.float64]
 TILE = 1024
 """Blocks in a tile."""
 FINER = 3
-"""Levels finer than the stored ones: of 1, 4 and 16 samples per block."""
+"""Number of levels finer than the stored ones, with 1, 4 and 16 samples per block."""
 PIECE = 1 << 18
 """Samples read at once."""
 KEPT = 8
-"""Number of pieces of a channel that are kept in memory: eight megabytes in single precision."""
+"""Number of pieces of a channel that are kept in memory; in single precision they take 8 MB."""
 HEAD = np.dtype([("offset", "<f8"), ("count", "<u4"), ("columns", "<u4")])
 """Header of a tile's float32 values: offset to add, number of rows, one column (samples) or two (extremes)."""
 
 
 @dataclass(frozen=True)
 class Series:
-    """Channel or signal at every zoom."""
+    """Channel or signal that can be drawn at any zoom."""
 
     channel: Channel
     """Name, unit, rate, samples, start."""
@@ -57,7 +57,7 @@ class Series:
 
     @classmethod
     def of_channel(cls, stored: Stored, log: Callable[[], Log]) -> Series:
-        """Channel of a log that is opened when samples are needed."""
+        """Series of a stored channel; its log is opened when samples are needed."""
         channel, pieces = stored.channel, _Pieces(log, stored.channel, PIECE, KEPT)
         return cls(
             channel, pieces.read, stored.levels, stored.gaps, stored.gap_count, ahead=pieces.begin_to_read
@@ -99,14 +99,16 @@ class Series:
             self.channel.samples, 1
         ):
             raise InputError(f"{self.channel.name}: no tile {index} of level {level}")
-        if self.ahead is not None and level == FINER:  # reads ahead: zooming in further will need the samples
+        if (
+            self.ahead is not None and level == FINER
+        ):  # reads ahead, since zooming in further needs the samples
             size = TILE * FACTOR**level
             self.ahead(index * size, min((index + 1) * size, self.channel.samples))
         return packed(self.blocks(level, index * TILE, (index + 1) * TILE))
 
 
 class _Pieces(Pieces):
-    """Samples of a channel of a log that is opened when they are needed; views move gradually."""
+    """Samples of a channel, in pieces that can be read ahead; the log is opened when samples are needed."""
 
     def begin_to_read(self, first: int, stop: int) -> None:
         """Start to read the pieces with these samples."""
@@ -114,7 +116,9 @@ class _Pieces(Pieces):
             threading.Thread(target=self._read_quietly, args=(first, stop), daemon=True).start()
 
     def _read_quietly(self, first: int, stop: int) -> None:
-        with contextlib.suppress(InputError, OSError):  # raised again when the samples are read
+        with contextlib.suppress(
+            InputError, OSError
+        ):  # the same error is raised again when the samples are needed
             self.read(first, stop)
 
 
@@ -136,7 +140,7 @@ DEPTH = 3
 """Depth of the search below the folder."""
 MOST = 500
 MOST_FOLDERS = 10_000
-"""Largest number of searched folders, so that the page of a whole disk loads, too."""
+"""Largest number of searched folders, so that the page loads even for a whole disk."""
 RUN_FILES = ("report.html", "fingerprint.json", "TRIAL.toml")
 SWEEP_FILES = ("summary.json",)
 TYPES = {
@@ -158,7 +162,7 @@ class Results:
         """Runs and sweeps, newest first."""
         found = []
         for folder in itertools.islice(_folders(self.root, DEPTH), MOST_FOLDERS):
-            with contextlib.suppress(OSError):  # an unreadable folder, or one removed meanwhile
+            with contextlib.suppress(OSError):  # the folder is unreadable, or was removed meanwhile
                 told = _run(folder) or _sweep(folder)
                 if told is None:
                     continue
@@ -230,11 +234,11 @@ def _run(folder: Path) -> dict[str, Any] | None:
 
 
 DOUBT = "Set point and speed differ"
-"""Beginning of a line of a verdict that puts all others in doubt: under an integral governor, one calibration is wrong."""
+"""Start of the verdict's line that puts all other lines in doubt: with an integral governor, one calibration is wrong."""
 
 
 def doubt_first(verdict: Sequence[str]) -> list[str]:
-    """Lines of a verdict, a doubt of the measurement before what was made of it."""
+    """Lines of a verdict, with a doubt about the measurement first."""
     return sorted(verdict, key=lambda line: not line.startswith(DOUBT))
 
 
@@ -243,7 +247,7 @@ def _text(structure: Any) -> str:
 
 
 def _short(value: Any) -> str:
-    """Short text for a name or verdict in a file, of any type."""
+    """Shortened text of a file's name or verdict, which may be of any type."""
     return "" if value is None else str(value)[:MOST_CHARACTERS]
 
 

@@ -1,4 +1,4 @@
-"""Local server of the pages for one user; other users have no access, and pages send no requests to other hosts."""
+"""Local server of the pages for one user; other users have no access, and the pages send no requests to other hosts."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ LARGEST_BODY = 1 << 20
 IDLE_S = 60.0
 JSON = "application/json"
 UNSHARED = 0o077
-"""Permission bits that must be cleared for other users."""
+"""Permission bits of group and others, which must be cleared."""
 TYPES = {
     "html": "text/html; charset=utf-8",
     "js": "text/javascript; charset=utf-8",
@@ -38,12 +38,12 @@ POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; img-src 'self' data:; "
     "frame-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 )
-"""Policy of the page: only its own files, no inline content."""
+"""Content security policy of the page: only its own files, no inline content."""
 REPORT_POLICY = (
     "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:; "
     "base-uri 'none'; form-action 'none'; frame-ancestors 'self'; sandbox allow-scripts"
 )
-"""Policy of reports, which may be from untrusted sources: isolated from the page, without requests."""
+"""Content security policy of reports, which may be untrusted: isolated from the page, no requests."""
 
 
 class Refused(Exception):
@@ -64,7 +64,7 @@ class Server(ThreadingHTTPServer):
         super().__init__((HOST, 0), _Handler)
         self.desk = desk
         self.token, self.results_token = secrets.token_urlsafe(24), secrets.token_urlsafe(24)
-        """Secrets in the addresses of the page and, separately, of reports: a report must not learn the page's secret."""
+        """Secret in the address of the page, and another in that of reports, which must not learn the page's."""
         self.origin = f"http://{HOST}:{self.server_port}"
         self.first_page = "folder.html"
 
@@ -74,7 +74,7 @@ class Server(ThreadingHTTPServer):
         return f"{self.origin}/{self.token}/{self.first_page}"
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """Ignore errors: a closed page breaks its connections."""
+        """Ignore errors, since a closed page breaks its connections."""
 
     def close(self) -> None:
         """Stop listening, and end every job."""
@@ -114,7 +114,7 @@ class _Handler(BaseHTTPRequestHandler):
         except (ShipfpError, OSError) as error:
             status = HTTPStatus.BAD_REQUEST
             kind, body = JSON, _json({"error": " ".join(str(error).split()) or type(error).__name__})
-        except Exception as error:  # reported by the page, without a traceback or a broken connection
+        except Exception as error:  # the page shows the error; there is no traceback or broken connection
             status = HTTPStatus.INTERNAL_SERVER_ERROR
             kind, body = JSON, _json({"error": f"internal error: {type(error).__name__}: {error}"})
         self._send(status, kind, body, policy)
@@ -157,7 +157,7 @@ class _Handler(BaseHTTPRequestHandler):
         raise Refused(HTTPStatus.FORBIDDEN, "refused: open the address that shipfp view printed")
 
     def _is_opened(self) -> bool:
-        """Whether a browser tab opens a page, as by a redirect; a foreign page that causes it can't read the page."""
+        """Whether a browser tab opens a page, such as by a redirect; a foreign page can cause this but not read the page."""
         opens = (self.headers.get("Sec-Fetch-Mode"), self.headers.get("Sec-Fetch-Dest"))
         return self.command == "GET" and opens == ("navigate", "document") and ".html" in self.path
 
@@ -199,7 +199,7 @@ class _Handler(BaseHTTPRequestHandler):
 
 
 def _json(content: Any) -> bytes:
-    # In ASCII, since the name of a file need not be UTF-8.
+    # ASCII, since a file's name need not be valid UTF-8.
     return json.dumps(finite(content), allow_nan=False).encode()
 
 
@@ -216,7 +216,7 @@ PAGES = _pages()
 
 @contextlib.contextmanager
 def serving(desk: Desk, first_page: str = "folder.html") -> Iterator[Server]:
-    """Serve a desk on a thread, until the end of the block."""
+    """Serve a desk on a thread until the end of the `with` block."""
     server = Server(desk)
     server.first_page = first_page
     thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.1}, daemon=True)
@@ -230,7 +230,7 @@ def serving(desk: Desk, first_page: str = "folder.html") -> Iterator[Server]:
 
 @contextlib.contextmanager
 def handed_over(address: str, beside: Path) -> Iterator[str]:
-    """Yield the address of a private file that redirects to a page, since all users may read a browser's arguments."""
+    """Yield the address of a private file that redirects to the page: all users may read a browser's arguments."""
     with _private_folder(beside) as folder:
         file = Path(folder) / "view.html"
         file.write_text(
@@ -240,7 +240,7 @@ def handed_over(address: str, beside: Path) -> Iterator[str]:
 
 
 def _private_folder(beside: Path) -> tempfile.TemporaryDirectory[str]:
-    """Folder that only this user can read; not the system's, if possible: a sandboxed browser can't read that."""
+    """Private temporary folder, in `beside` if possible, since a sandboxed browser can't read the system's."""
     try:
         made = tempfile.TemporaryDirectory(prefix=".shipfp-view-", dir=beside)
     except OSError:
@@ -252,7 +252,7 @@ def _private_folder(beside: Path) -> tempfile.TemporaryDirectory[str]:
 
 
 def end_asked_for() -> threading.Event:
-    """Event that is set on Ctrl-C or when the process is asked to end."""
+    """Event that is set on SIGINT (Ctrl-C) or SIGTERM."""
     ended = threading.Event()
 
     def end(*_: object) -> None:
