@@ -1,56 +1,58 @@
 """Compiled kernels.
 
-All arrays are C-contiguous float64 unless said otherwise. A result is fresh memory, every value of which its kernel
-writes once. Row k of an output holds sample k, time k dt; the set point of sample k is already applied in it
-(right-hand limit at a step).
+All arrays are C-contiguous float64 unless stated otherwise. Results are newly allocated. Sample k of an output is at time
+k dt; the set point of sample k already acts in it (right-hand limit at a step).
 
-`SHIP_PARAMETERS` are those of `rust/src/stepper/parameters.rs`, `SHIP_OFF` their values without effect (NaN: always
-acting); `SHIP_OUTPUTS` = ("dn", "dM_b", "dM_g", "dX", "dE", "dn_prop"). The set point u is over the operating point's,
-load[N] a load's deviation or empty. A `substeps` of 0 leaves the step to the kernel.
-- `simulate_ship(parameters[37], u[N], load[N], dt, substeps, hold, outputs, envelope[2, K] = None) -> [O, N]`;
-  envelope: speeds and the highest torques at them, over the operating point, in place of `M_max`
+Ships. `SHIP_PARAMETERS` are described in `rust/src/stepper/parameters.rs`; `SHIP_OFF` are their values without effect
+(NaN: none); `SHIP_OUTPUTS` = ("dn", "dM_b", "dM_g", "dX", "dE", "dn_prop"), selected by index. u is the set point over
+that of the operating point, load[N] the deviation of a measured load, or empty. With `substeps` 0 the kernel chooses
+the step. envelope: speeds, and the highest torque at each, over the operating point's, instead of `M_max`.
+- `simulate_ship(parameters[37], u[N], load[N], dt, substeps, hold, outputs, envelope[2, K] = None) -> [O, N]`
 - `simulate_detailed_ship(parameters[37], detail[D], strength[C], quadrants[3, Q], u[N], dt, substeps, hold, outputs,
-  envelope[2, K] = None) -> [O, N]`: with what only a whole drive train has, `SHIP_DETAIL` of
-  `rust/src/stepper/detail.rs`; from steady state at the operating point, where the set point was 1 before; strength: each
-  cylinder's torque over the mean; quadrants: angle [rad] from -pi to pi, torque and thrust over bollard pull, or none
+  envelope[2, K] = None) -> [O, N]`: with the additional elements of a whole drive train, `SHIP_DETAIL` of
+  `rust/src/stepper/detail.rs`. It starts in steady state at the operating point, where the set point was 1 before. strength:
+  each cylinder's torque over the mean; quadrants: flow angle [rad] from -pi to pi, and the propeller's torque and thrust
+  over bollard pull, or empty
 - `simulate_ship_by(parameters[37], u[N], dt, substeps, method, hold, initial[2], outputs, envelope[2, K] = None) -> [O,
-  N]`: a ship of speed and sum alone; method "rk4" | "heun" | "euler", initial (speed over the operating point's, sum)
+  N]`: a ship whose only states are speed and integral; method "rk4" | "heun" | "euler"; initial: speed over the operating
+  point's, and integral
 
 `run_recursion(system[1 + W, n + O, n + R], start[1 + W, n], signal[N], shifts: list[int] of R, dt) -> ([O, N], [W, O,
-N])`: x[k+1] = F x[k] + G w[k], y[k] = C x[k] + D w[k] with system[0] = [F, G; C, D] and w_j[k] = signal[k + shifts[j]],
-which stands still outside the record; system[1:] and start[1:] are derivatives, whose rows come back behind the
-outputs.
+N])`: runs x[k+1] = F x[k] + G w[k], y[k] = C x[k] + D w[k] with system[0] = [F, G; C, D] and w_j[k] = signal[k + shifts[j]],
+where the signal is constant outside the record. system[1:] and start[1:] are derivatives of system and start; the second
+array returned are the derivatives of the outputs.
 
-`EQUATION_PARAMETERS` are those of `rust/src/two_equations/equations.rs`, `EQUATION_SIGNALS` = ("N", "M", "X", "load",
-"N2", "N3", "one", "M_b"), `EQUATION_OUTPUTS` = ("dn", "dM", "dX", "dM_b"), the last beside a gauge's "dM" only. Spectra
-stand at F frequencies from 0 on, `spacing` [rad/s] apart, F a multiple of `EQUATION_BLOCK`, real and imaginary parts
-apart; order k of `EQUATION_ORDERS` is the spectrum with (-1)^k times the taper's k-th derivative. A late signal is
-delayed by a time of a grid; its `rest` is what the delay has beyond that time [s]. outputs hold 0 and any of 1, 2, 3.
+Equations of a ship. `EQUATION_PARAMETERS` are described in `rust/src/two_equations/equations.rs`; `EQUATION_SIGNALS` =
+("N", "M", "X", "load", "N2", "N3", "one", "M_b"); `EQUATION_OUTPUTS` = ("dn", "dM", "dX", "dM_b"), the last one only in
+addition to a gauge's "dM". Spectra have F frequencies from 0 on, `spacing` [rad/s] apart, with F a multiple of
+`EQUATION_BLOCK`, and separate real and imaginary parts. Order k of `EQUATION_ORDERS` is the spectrum with (-1)^k times the
+k-th derivative of the taper. A `late` signal is delayed by a multiple of a grid's interval; its `rest` is the remaining
+delay [s]. outputs: 0, and any of 1, 2, 3.
 - `equation_residuals(parameters[28], signals[8, 4, 2, F], spacing, late, outputs, gauge, open_loop, wrt) ->
-  [1 + W, O, 2, F]`: data less the model's output, then the model's derivatives; `late`: ([4, 2, F], rest) of the speed, late
-  by `T_d`, of the set point, late by `T_d` + `T_set`, and, where the speed is the propeller's, of the torque, late by
-  `T_d`; `gauge`: the torque is measured between the inertias
+  [1 + W, O, 2, F]`: measured minus modelled outputs, then the model's derivatives by the W parameters `wrt`. `late`:
+  ([4, 2, F], rest) of the speed (delayed by `T_d`), of the set point (`T_d` + `T_set`), and, if the speed is the
+  propeller's, of the torque (`T_d`); `gauge`: whether the torque is measured between the inertias
 - `equation_products(...the same, root[O, O, 2, F], shapes[O, O, 2, F] or empty, hats[K, F]) -> ([1 + W, 1 + W], [2 O K,
-  1 + W])`: products of these rows times the lower triangles `root`, and of the systematic errors (`shapes` times hats, real
-  and imaginary size) with them; a loop that is unstable raises `SimulationError`. Instruction sets differ by rounding;
-  one gives the same bits in any thread
-- `taken_by_limits(parameters[20], set_point[N], speed[N], torque[N], every) -> ([N], [N])`: torque that
-  limits remove from the engine's, and from the rack's part of it, for measured deviations `every` seconds apart;
-  `ENGINE_SIDE_PARAMETERS` are those of `rust/src/engine_side.rs`
-- `loop_is_stable(parameters, open_loop) -> bool`: of a ship's loop about its operating point, by Nyquist's turns
+  1 + W])`: the rows of `equation_residuals` are multiplied by the lower triangles `root`; returned are their products with
+  each other, and those with the systematic errors, which are `shapes` times `hats` with real and imaginary amplitudes.
+  `SimulationError` if the loop is unstable. Instruction sets differ by rounding; one set gives equal bits in any thread
+- `loop_is_stable(parameters, open_loop) -> bool`: of the loop about the operating point, by Nyquist's criterion
 
-`PulseTracker(threshold, hysteresis)`: `look(window)` finds the levels of a window,
-`cross(window)` takes the crossings of the oldest one looked at, so that levels are known ahead of them: times, heights
-of the train (0 where no turning point tells), standard deviations from sampling and from noise, all in samples; levels
-used, [K, 3]; of each window number of crossings, height that noise does not reach, least and median height.
-`follow(samples, window)` does so with all windows of a record. Levels of a window that goes on as the one before (parts
-of 1024 samples with the same extremes, even pulses, nothing missing) are not found anew: one pass compares it and takes
-its crossings. Least and greatest of blocks of 32 give turning points, medians of nine pulses' turning points give
-levels, between which the middle goes along lines; noise from differences of short stretches. `interval_speeds(edges[N +
-1], count[N], fractions[P], relative[P], noise[1 or N + 1], grid[1 or N + 1], sample) -> [6, sum of count]`: middles,
-mean speeds, their standard deviations, lengths, angles, deviations of independent ends. `pulses_are_even(times, least,
-most)`: no median of periods is needed. `pulse_levels(samples) -> (low, high)`: robust state levels; NaN where no sample
-is finite.
+`taken_by_limits(parameters[20], set_point[N], speed[N], torque[N], every) -> ([N], [N])`: torque that limits remove from
+the engine, and the part that the rack's rate limit removes, for measured deviations at intervals of `every` [s].
+`ENGINE_SIDE_PARAMETERS` are described in `rust/src/engine_side.rs`.
+
+Pulses. `PulseTracker(threshold, hysteresis)`: `look(window)` estimates the levels of a window; `cross(window)` detects
+the crossings of the oldest window for which `look` was called, so that the next window's levels are known. It returns
+times, heights of the train (0 without turning points nearby), and standard deviations from sampling and from noise, the
+times and deviations in samples; levels [K, 3]; and for each window the number of crossings, the height above which a
+pulse can't be noise, and the least and median height. `follow(samples, window)` does this for all windows of a record.
+- `interval_speeds(edges[N + 1], count[N], fractions[P], relative[P], noise[1 or N + 1], grid[1 or N + 1], sample) -> [6,
+  sum of count]`: middles [s], mean speeds [rev/s], their standard deviations, lengths [s], angles [rev], and standard
+  deviations for independent errors of the ends
+- `pulses_are_even(times, least, most) -> bool`: whether each period is `least` to `most` times each of the ten before and
+  after, so that no running median of periods is needed
+- `pulse_levels(samples) -> (low, high)`: robust state levels; NaN if no sample is finite
 """
 
 from collections.abc import Sequence

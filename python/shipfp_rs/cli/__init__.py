@@ -1,4 +1,4 @@
-"""The command `shipfp`: entry point, exit statuses, and error messages of one line.
+"""The command `shipfp`: entry point, exit statuses, and one-line error messages.
 
 Commands import what they need when they run, so that help and usage errors do not wait for SciPy.
 """
@@ -54,7 +54,7 @@ with ends_without_a_word():
 
 DONE, FAILED, BAD_INPUT, INTERRUPTED, ENDED = 0, 1, 2, 130, 143
 NOT_THE_USERS = (errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.EIO)
-"""Error numbers of the system's limits and devices; any other file error concerns a name given by the user."""
+"""Error numbers of file errors caused by the system's limits and devices; all others concern a name given by the user."""
 FULL = (errno.ENOSPC, errno.EROFS, errno.EFBIG, *([errno.EDQUOT] if hasattr(errno, "EDQUOT") else []))
 """Error numbers of a disk that is full or read-only."""
 ENDING = (signal.SIGTERM, *([signal.SIGHUP] if hasattr(signal, "SIGHUP") else []))
@@ -64,7 +64,7 @@ AGAIN_S = 0.2
 LONGEST_WORD = 300
 """Longest name shown in full, in characters."""
 COLLECTED_AFTER = 50_000
-"""Threshold of the garbage collector's youngest generation: imports create more objects than a command discards."""
+"""Threshold of the garbage collector's youngest generation, high since imports create many objects and discard few."""
 
 app = typer.Typer(
     name="shipfp",
@@ -134,9 +134,9 @@ def _orderly_end(asked: list[int]) -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    # A background command of a shell ignores Ctrl-C and keeps ignoring it.
+    # A shell's background command starts with Ctrl-C ignored, which is kept.
     heeded = signal.getsignal(signal.SIGINT) is signal.default_int_handler
-    # Under nohup a closed terminal is ignored and remains ignored.
+    # Under nohup the signal of a closed terminal is ignored, which is kept.
     closing = [number for number in ENDING if signal.getsignal(number) is not signal.SIG_IGN]
     before = {number: signal.signal(number, end) for number in (*closing, *[signal.SIGINT] * heeded)}
     hook = sys.unraisablehook
@@ -158,7 +158,7 @@ def _orderly_end(asked: list[int]) -> Iterator[None]:
 
 
 def _is_ending() -> bool:
-    """Whether an interrupt is propagating; if not, a library has caught and discarded it."""
+    """Whether an interrupt is propagating; otherwise a library has caught and discarded it."""
     error = sys.exception()
     while error is not None and not isinstance(error, KeyboardInterrupt):
         error = error.__context__
@@ -166,14 +166,14 @@ def _is_ending() -> bool:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run `shipfp` and return its exit status: 0 done, 2 bad input, 130 interrupted, 143 ended, 1 anything else.
+    """Run `shipfp` and return its exit status: 0 success, 2 bad input, 130 interrupted, 143 terminated, 1 any other error.
 
     Errors are one line on stderr; SHIPFP_TRACEBACK=1 adds the traceback.
     """
     asked: list[int] = []
     try:
         _open_closed_streams()
-        gc.set_threshold(COLLECTED_AFTER)  # rarely, and not at exit, when the process frees all memory
+        gc.set_threshold(COLLECTED_AFTER)  # rare, and none at exit, when the process frees all memory
         atexit.register(gc.freeze)
         _take_odd_words_from_the_environment()
         for stream in (sys.stdout, sys.stderr):
@@ -181,7 +181,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 # A terminal without Greek letters must not cause an error.
                 stream.reconfigure(errors="backslashreplace")
         status = _status(arguments, asked)
-    except KeyboardInterrupt:  # before the command started, or after it was done
+    except KeyboardInterrupt:  # interrupted before the command started, or after it ended
         status = INTERRUPTED
     if status == INTERRUPTED:
         # If an interrupt is raised during `exec` of a string, as in dataclasses, CPython ends with an error at exit, even
@@ -194,14 +194,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _open_closed_streams() -> None:
-    """Open the null device for closed standard streams; else a file may get a stream's number and its output."""
+    """Open the null device for closed standard streams; else a file may get a stream's descriptor, and so its output."""
     for name in ("stdin", "stdout", "stderr"):
         if getattr(sys, name) is None:
             setattr(sys, name, open(os.devnull, "r" if name == "stdin" else "w", encoding="utf-8"))  # noqa: PTH123, SIM115
 
 
 def _take_odd_words_from_the_environment() -> None:
-    """Override environment variables that break libraries: thread counts, and Matplotlib's backend."""
+    """Override values of environment variables that break libraries: thread counts, and Matplotlib's backend."""
     os.environ["MPLBACKEND"] = "agg"
     first, *others = os.environ.get("OMP_NUM_THREADS", "1").split(",")
     if others or not first.strip().isdecimal():

@@ -1,4 +1,4 @@
-"""`shipfp budget`: which calibration limits the quantities in SI units."""
+"""`shipfp budget`: uncertainty of the quantities in SI units due to each calibration."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def budget(
     ratio: Annotated[float, number_option("PCT", "That of the gear ratio, %.", not_negative)] = 0.0,
     json: Json = False,
 ) -> None:
-    """Tell what each calibration leaves open in the quantities in SI units, beside the fit."""
+    """Show how each calibration, and the fit, contribute to the uncertainty of the quantities in SI units."""
     from shipfp_rs.assessment.budget import budget as budgets
     from shipfp_rs.identification.fingerprint import Fingerprint
 

@@ -1,4 +1,4 @@
-"""`shipfp design`: plan of a trial: time series, run sheet, generator files, predicted standard deviations."""
+"""`shipfp design`: a trial's plan, with time series, run sheet, generator files and predicted standard deviations."""
 
 from __future__ import annotations
 
@@ -165,7 +165,7 @@ def _print(plan: Plan) -> None:
 
 
 def _draws(expected: str) -> Draws | None:
-    """Draws of an earlier fingerprint whose experiments lie beside it; None without them."""
+    """Draws from an earlier fingerprint, if its experiments are in the same folder; None without them."""
     from shipfp_rs.designs.subject import MOST_DRAWN
     from shipfp_rs.identification.fingerprint import Fingerprint
 

@@ -1,4 +1,4 @@
-"""`shipfp export`: a fingerprint for other tools."""
+"""`shipfp export`: writes a fingerprint in the formats of other tools."""
 
 from __future__ import annotations
 

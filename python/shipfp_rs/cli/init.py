@@ -1,4 +1,4 @@
-"""`shipfp init`: a commented TRIAL.toml filled in from a log, a vessel file, or a SWEEP.toml."""
+"""`shipfp init`: writes a commented TRIAL.toml, filled in from a log; a vessel file; or a SWEEP.toml."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`shipfp inspect` and `shipfp convert`: a log before a fit, its contents and faults, and its Parquet file."""
+"""`shipfp inspect` shows a log's contents and faults; `shipfp convert` converts a log to Parquet."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def inspect(
     force: Force = False,
     json: Json = False,
 ) -> None:
-    """Show a log's channels, gaps, faults, windows and spectra; with its trial, calibrated checks as well."""
+    """Show a log's channels, gaps, faults, windows and spectra; with its TRIAL.toml, calibrated checks as well."""
     from shipfp_rs.inspection import inspect_log
     from shipfp_rs.logs.log import Log
     from shipfp_rs.processing.trial import Trial

@@ -1,4 +1,4 @@
-"""What subcommands share: options, limits of numbers, names and paths, and output to stdout and stderr."""
+"""Options, checks of numbers, names and paths, and output to stdout and stderr, used by all subcommands."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ MOST_SEED = 2**63 - 1
 MOST_DRAWS = 10_000
 MOST_WORKERS = 1024
 LONGEST_NAME, LONGEST_PATH = 255, 4095
-"""Longest name and path in bytes."""
+"""Longest file name, and longest path [bytes]."""
 
 
 def a_path(text: str | Path) -> Path:
@@ -51,7 +51,7 @@ def a_path(text: str | Path) -> Path:
 
 
 def vessels(incomplete: str) -> list[str]:
-    """Names of built-in ships that begin so, for a shell that completes them."""
+    """Names of built-in ships with this beginning, for completion in a shell."""
     from shipfp_rs.vessel.vessel import Vessel
 
     return [name for name in Vessel.names() if name.startswith(incomplete)]
@@ -95,7 +95,7 @@ def as_typed(options: Mapping[str, str]) -> Iterator[None]:
 
 
 def new_file(path: Path, *, force: bool) -> Path:
-    """Name of a file to write; existing files, except devices, are rejected without --force."""
+    """Check the name of a file to write; existing files, except devices, are rejected without --force."""
     if path.is_file() and not force:
         raise InputError(f"{path}: exists already; choose another name, or --force to replace it")
     return path
@@ -172,7 +172,7 @@ REPORT = "report.html"
 
 
 def print_results(content: Any, show: Callable[[], None], out: Path | None = None, *, json: bool) -> None:
-    """Print results as JSON, or as text that ends with the folder they were written to, or the report in it."""
+    """Print results as JSON, or as text that ends with the path of the folder written or of the report in it."""
     if json:
         from shipfp_rs.support.files import json_text
 
@@ -194,14 +194,14 @@ def print_text(*lines: str) -> None:
 def print_table(title: str, head: Iterable[str], rows: Iterable[Iterable[str]]) -> None:
     """Print a table; the first column is text, the others are numbers.
 
-    On a terminal too narrow for all columns, the remaining columns follow below, each time after the first column.
+    If the terminal is too narrow for all columns, the table is divided; each piece repeats the first column.
     """
     lines = [[*head], *([*row] for row in rows)]
     widths = [max(cell_len(cell) for cell in column) + GAP for column in zip(*lines, strict=True)]
     console = _console(sum(widths) + GAP)
     if sum(widths) + GAP > console.width:
         widths[0] = min(widths[0], console.width // 3)
-    if title:  # outside the table, which would wrap it to its own width
+    if title:  # as a separate text: the table would wrap the title to its own width
         console.print(title, style="bold")
     for columns in _that_fit(widths, console.width - GAP):
         table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
@@ -218,7 +218,7 @@ def print_table(title: str, head: Iterable[str], rows: Iterable[Iterable[str]]) 
 
 
 def _that_fit(widths: Sequence[int], room: int) -> list[list[int]]:
-    """Groups of columns into which a table too wide for the terminal is divided; each starts with the first column."""
+    """Groups of columns into which a table wider than the terminal is divided; each starts with the first column."""
     tables, left = [[0]], room - widths[0]
     for index, width in enumerate(widths[1:], 1):
         if width > left and len(tables[-1]) > 1:
@@ -232,7 +232,7 @@ def _that_fit(widths: Sequence[int], room: int) -> list[list[int]]:
 def print_fingerprint(
     fingerprint: Fingerprint, truth: Mapping[str, float] | None = None, title: str | None = None
 ) -> None:
-    """Print estimates with their 95 % intervals, beside the truth if known, and the verdict."""
+    """Print estimates with 95 % intervals, the true values if known, and the verdict."""
     title = title or f"Fingerprint of {fingerprint.vessel or 'a drive train not named'}"
     print_estimates(title, {**fingerprint.parameters, **fingerprint.derived}, truth)
     print_text(*fingerprint.verdict)
@@ -241,7 +241,7 @@ def print_fingerprint(
 def print_estimates(
     title: str, estimates: Mapping[str, Estimate], truth: Mapping[str, float] | None = None
 ) -> None:
-    """Print a table of estimates, beside the truth if known; letters refer to footnotes on what is not simply estimated."""
+    """Print a table of estimates, with the true values if known; letters refer to footnotes on how values were obtained."""
     from shipfp_rs.identification.estimate import STATUS, rounded_rows
     from shipfp_rs.support.units import unit_shown
 
@@ -259,7 +259,7 @@ def print_estimates(
 
 
 def footnotes(texts: Iterable[str]) -> tuple[list[str], list[str]]:
-    """Letter of each text, empty for an empty one, and a line for each letter."""
+    """Letters of footnotes, one for each text (empty for an empty text), and the footnotes' lines."""
     texts = list(texts)
     letters = {text: chr(ord("a") + place) for place, text in enumerate(dict.fromkeys(filter(None, texts)))}
     return [letters.get(text, "") for text in texts], [
@@ -268,12 +268,12 @@ def footnotes(texts: Iterable[str]) -> tuple[list[str], list[str]]:
 
 
 def _zero(number: str) -> str:
-    """A rounded number; zero without digits after the point."""
+    """A rounded number; any zero becomes "0"."""
     return number if number.strip("-0.") or not number else "0"
 
 
 def _least(value: str, low: str, high: str) -> str:
-    """A rounded estimate; where zero is the estimate and the end of its interval, the other end as a limit."""
+    """A rounded estimate; if it and the interval's lower end are zero, the upper end as a limit, "< high"."""
     return f"< {high}" if "0" == _zero(value) == _zero(low) and high and _zero(high) != "0" else _zero(value)
 
 
@@ -285,7 +285,7 @@ def _console(needed: int = 0) -> Console:
 
 @contextlib.contextmanager
 def progress() -> Iterator[Callable[[str], None]]:
-    """Function that shows the current activity: a spinner on a terminal, nothing in a pipe."""
+    """Yield a function that shows the current activity: a spinner on a terminal, nothing in a pipe."""
     if not sys.stderr.isatty():
         yield lambda _: None
         return

@@ -1,4 +1,4 @@
-"""`shipfp reproduce` and `shipfp compare`: results beside the thesis's, or beside an earlier fingerprint."""
+"""`shipfp reproduce` compares results with the thesis's; `shipfp compare` compares two fingerprints."""
 
 from __future__ import annotations
 
@@ -41,9 +41,9 @@ COLUMNS = {
     "7.1": "tau_n g vK_p K_p/K_i p tau_prop T_d T_set vK_p/tau_n (p-g)/(vK_i)+T_set-T_f",
     "twin": "tau_n g p tau_prop vK_p vK_i T_d T_set",
 }
-"""Parameters shown, for tables that do not show all."""
+"""Parameters shown, by table; other tables show all."""
 PICTURED = 100
-"""Draws whose scatter is the band of a picture, where the experiments lie beside the fingerprint."""
+"""Number of draws whose scatter gives the band of a figure, if the experiments are in the fingerprint's folder."""
 TOO_WIDE = ("5.1",)
 """Tables that are only in the JSON output, since they are too wide to print."""
 FITS = {
@@ -85,7 +85,7 @@ def _reproduce(
     *,
     json: bool,
 ) -> None:
-    """Compute the tables, write them and their pictures to a folder if given, and show them."""
+    """Compute the tables, write them and their figures to a folder if given, and print them."""
     from shipfp_rs.support.files import json_text, write_text_atomically
 
     with folder_for(out, file, files) as folder, progress() as notify:
@@ -112,7 +112,7 @@ def twin(
     out: Annotated[Path | None, file_option("DIR", "Folder for twin.json and the picture.")] = None,
     json: Json = False,
 ) -> None:
-    """Identify the tug's trial on a simulated ship whose parameters are known: Table 7.1 with the truth beside it."""
+    """Identify a simulated ship of known parameters from the tug's trial: Table 7.1 with the true values."""
     from shipfp_rs.reproduce import twin as study
 
     _reproduce("twin.json", lambda step: study.reproduce(draws, step), None, study.FILES, out, json=json)
@@ -157,7 +157,7 @@ def compare(
     force: Replace = False,
     json: Json = False,
 ) -> None:
-    """Compare two fingerprints of a ship: what changed, and whether it is more than chance."""
+    """Compare two fingerprints of a ship: which parameters changed, and whether by more than chance."""
     from shipfp_rs.assessment.comparison import compare as compare_fingerprints
     from shipfp_rs.identification.fingerprint import Fingerprint
     from shipfp_rs.support.files import ending_in, replacing

@@ -66,7 +66,7 @@ def run(
 
 
 def check(trial: TrialFile, json: Json = False) -> None:
-    """Read a trial as a run would and stop before the fit: what was read, what would be fitted, what is missing."""
+    """Read a trial as `shipfp run` does, without the fit, and show what was read, would be fitted, and is missing."""
     from shipfp_rs.runs.dry_run import check as dry_run
 
     with progress() as notify:
@@ -129,7 +129,7 @@ TONES_HZ = (0.035, 0.05, 0.07, 0.1, 0.14, 0.2, 0.28, 0.4, 0.55, 0.77, 1.08, TOP_
 def demo(
     out: OutFolder = Path("shipfp-demo"), seed: Seed = 0, force: Force = False, json: Json = False
 ) -> None:
-    """Show the whole chain: a simulated 2 kHz log of a tug with faults, its fingerprint beside the truth."""
+    """Show the whole chain: simulate a tug's 2 kHz log with faults, and compare its fingerprint with the truth."""
     from shipfp_rs.processing.trial import Trial
     from shipfp_rs.reproduce import fullscale
     from shipfp_rs.runs import run
@@ -167,7 +167,7 @@ def demo(
 
 
 def _write_log(folder: Path, seed: int) -> dict[str, float]:
-    """Write the log, its TRIAL.toml and the truth, laid out as a trial's folder; return the truth."""
+    """Write the log, its TRIAL.toml and the truth to a trial's folder; return the truth."""
     from shipfp_rs import signals
     from shipfp_rs.simulation.raw_log import Sensors, simulate_raw_log, trial_toml
     from shipfp_rs.support.files import json_text
@@ -189,10 +189,10 @@ def _write_log(folder: Path, seed: int) -> dict[str, float]:
 
 CLEAN_RATE_HZ, RAW_RATE_HZ = 100.0, 2000.0
 AMPLITUDE = 0.03
-"""Usual amplitude relative to the operating speed: large enough to measure, small enough to be linear."""
+"""Usual amplitude relative to the operating speed: large enough to measure, and small enough for a linear response."""
 
 LEAST_AMPLITUDE = 2e-4
-"""Least measurable amplitude relative to the operating speed."""
+"""Least amplitude that can be measured, relative to the operating speed."""
 
 TYPED = {
     "amplitude_rpm": "--amplitude-rpm",
@@ -236,7 +236,7 @@ def simulate(
     force: Replace = False,
     json: Json = False,
 ) -> None:
-    """Simulate a trial and write it with the true parameters beside it."""
+    """Simulate a trial and write it with its true parameters."""
     from shipfp_rs.support.files import json_text, replacing
     from shipfp_rs.vessel.vessel import Vessel
 

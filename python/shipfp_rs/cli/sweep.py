@@ -73,7 +73,7 @@ def sweep(
     figures: Annotated[bool, typer.Option(help="Draw figures into DIR/figures.")] = True,
     json: Json = False,
 ) -> None:
-    """Simulate and identify many trials: bias, spread, coverage, failures, and how long a trial must be."""
+    """Simulate and identify many trials; show bias, spread, coverage, failures, and the necessary length of a trial."""
     from shipfp_rs.sweeps import Plan
     from shipfp_rs.sweeps import sweep as run
 
@@ -113,7 +113,7 @@ def _why(result: Sweep) -> str:
     """Error of the first failed draw."""
     rows = next(result.batches(["error", "message"])).slice(0, 1).to_pylist()
     error, message = rows[0]["error"], rows[0]["message"]
-    # The class name of an input error is not informative; that of a defect may be the only information.
+    # The class name of an input error tells nothing new; that of a defect may be the only information.
     said = message if error in ("InputError", "TimedOut") else f"{error}: {message}"
     return f"the first error: {said}; the rows of all draws are in {result.folder}"
 
@@ -144,7 +144,7 @@ def _print(summary: Mapping[str, Any]) -> None:
 
 
 def _tables(summary: Mapping[str, Any]) -> Iterator[tuple[str, list[str], list[list[str]]]]:
-    """Yield title, head and rows for the length of a trial, and for each factor."""
+    """Yield title, head and rows of the tables of trial lengths and of each factor."""
     if summary["trial_length"]:
         wanted = f"{summary['accuracy_pct']:.3g} %"
         title = f"Shortest trial in which 95 of 100 estimates are within {wanted} of the truth"

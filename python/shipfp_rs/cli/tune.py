@@ -1,4 +1,4 @@
-"""`shipfp tune`: the governor's next setting."""
+"""`shipfp tune`: advises the governor's next gains."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def tune(
     seed: Seed = 0,
     json: Json = False,
 ) -> None:
-    """Advise gains of the governor that meet limits for nearly all ships that a trial's data allow."""
+    """Advise governor gains that meet limits for nearly all ships consistent with a trial's data."""
     from shipfp_rs.assessment.tuning import tune as advise
     from shipfp_rs.identification.fingerprint import Fingerprint
 

@@ -22,8 +22,8 @@ def view(
 ) -> None:
     """Look through a log in the browser, mark windows, write TRIAL.toml, run it and read the report.
 
-    The page is served by this command alone, on this machine alone, until Ctrl-C. Beside the log a file
-    NAME.shipfp-pyramid is kept, so that the log opens at once the next time; that file may be deleted.
+    This command serves the page, on this machine only, until Ctrl-C. It keeps a file NAME.shipfp-pyramid in the log's
+    folder, so that the log opens at once the next time; that file may be deleted.
     """
     from shipfp_rs.logs.log import Log
     from shipfp_rs.view.desk import Desk
@@ -42,9 +42,9 @@ def view(
         number = desk.open_log(path, rate_hz)
         rate_hz = desk.document(number).rate_hz
         if stored(path, rate_hz) is None:
-            Log.open(path, rate_hz=rate_hz)  # report unreadable files here, not in the page
+            Log.open(path, rate_hz=rate_hz)  # an unreadable file is reported here, not in the page
         page = f"look.html?doc={number}"
-    # Before the address is printed: its reader may end the command at once.
+    # Done before the address is printed, since a program that reads the address may end the command at once.
     ended = end_asked_for()
     with serving(desk, page) as server, contextlib.ExitStack() as shown:
         print_text(f"{path}: {server.address}", "Ctrl-C ends it.")

@@ -16,7 +16,7 @@ from shipfp_rs.support.arrays import Array, ComplexArray
 
 _ROUNDS = 30
 MOST_HARMONICS = 1000
-"""Most Gauss-Newton steps for a frequency; from a start within half a bin, six are usual."""
+"""Largest number of Gauss-Newton steps for a frequency; from a start within half a bin, six usually suffice."""
 
 
 @dataclass(frozen=True)
@@ -34,8 +34,8 @@ class Lines:
     amplitude, phase
         Amplitudes b and phases d [rad], shape (L,).
     amplitude_std, phase_std
-        Standard deviations of amplitudes and phases, shape (L,), for noise with the power of the residuals near each
-        line; for a phase amplitude_std / amplitude [rad].
+        Standard deviations of amplitudes and phases, shape (L,), for noise with the residuals' power near each line.
+        That of a phase is amplitude_std / amplitude [rad].
     time_mid_s
         Middle of the window, from its first sample [s].
     residual
@@ -77,7 +77,7 @@ def fit_lines(samples: npt.ArrayLike, rate_hz: float, frequencies_hz: npt.ArrayL
         Sample rate [Hz].
     frequencies_hz
         Frequencies [Hz], shape (L,), including harmonics and known disturbances. All are below half the sample rate,
-        and at least half a bin, 1/(2T), from each other and from zero.
+        and at least half a bin (1/(2T), T the record's length) from each other and from zero.
 
     Raises
     ------
@@ -117,7 +117,7 @@ def fit_sine(
     samples, rate_hz
         As for `fit_lines`.
     near_hz
-        Initial frequency [Hz], within a bin 1/T of the sine's frequency; None: the highest peak of the spectrum.
+        Initial frequency [Hz], within a bin (1/T) of the sine's frequency; None: the highest peak of the spectrum.
     harmonics
         Number of harmonics to fit as well, below half the sample rate; they improve the estimate of the frequency.
     disturbances_hz
@@ -204,7 +204,7 @@ def _windowed(samples: npt.ArrayLike, rate_hz: float, frequencies: Array) -> tup
 
 
 def _basis(time: Array, frequencies: Array) -> Array:
-    """Columns sin and cos of each line, and the constant."""
+    """Columns of the least-squares matrix: sin and cos of each line, and the constant."""
     angle = 2.0 * np.pi * time[:, None] * frequencies
     return np.concatenate([np.sin(angle), np.cos(angle), np.ones((len(time), 1))], axis=1)
 
@@ -230,7 +230,7 @@ def _solved(
 
 
 def _frequency_slope(lines: Lines, time: Array, multiples: npt.NDArray[np.int64]) -> Array:
-    """Derivative of the sine and its harmonics by the frequency."""
+    """Derivative of the sine and its harmonics with respect to the frequency."""
     own = slice(len(multiples))
     angle = 2.0 * np.pi * time[:, None] * lines.frequency_hz[own] + lines.phase[own]
     return np.asarray(2.0 * np.pi * time * (np.cos(angle) @ (lines.amplitude[own] * multiples)))
@@ -253,7 +253,7 @@ def _highest_peak(values: Array, rate_hz: float) -> float:
 
 
 def _nearby_peak(values: Array, time: Array, start: float, bin_hz: float) -> float:
-    """Frequency of the spectrum's maximum within a bin of the start; from it, Gauss-Newton steps converge."""
+    """Frequency of the spectrum's maximum within a bin of the start, from which Gauss-Newton steps converge."""
     tried = np.maximum(start + bin_hz * np.linspace(-1.0, 1.0, 17), 0.5 * bin_hz)
     filled = np.nan_to_num(values - np.nanmean(values)) * np.hanning(len(values))
     height = [abs(np.dot(filled, np.exp(-2j * np.pi * frequency * time))) for frequency in tried]

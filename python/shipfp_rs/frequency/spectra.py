@@ -1,4 +1,4 @@
-"""Frequency responses, by averaged periodograms (H1 and H2), and the noise at a spectral line."""
+"""Frequency responses by averaged periodograms (H1 and H2), class `FrequencyResponse`, and the noise at a spectral line."""
 
 from __future__ import annotations
 
@@ -39,15 +39,15 @@ def spectral_response(
     experiments
         One experiment, or several with the same rate, which are averaged together. Masked samples are interpolated.
     segment_s
-        Length of the windows [s], much longer than the ship's transient response, which the ends of the windows
-        truncate.
+        Length of the windows [s]; it should be much longer than the ship's transient response, which is truncated at
+        the windows' ends.
     estimator
-        "H1": cross spectrum over the set point's, unbiased by noise of the output; "H2": output's spectrum over the cross
-        spectrum, unbiased by noise of the set point. The true response is between H1 and H2.
+        "H1": cross spectrum over the set point's spectrum, unbiased by noise of the output; "H2": output's spectrum
+        over the cross spectrum, unbiased by noise of the set point. The true response is between H1 and H2.
     signals
         Outputs; None: all outputs that every experiment has.
     band_hz
-        Lowest and highest frequency [Hz] with power of the set point; None: all.
+        Lowest and highest frequency [Hz] at which the set point has power; None: all.
 
     Returns
     -------
@@ -137,7 +137,7 @@ Points = Mapping[str, tuple[ComplexArray, Array, Array | None]]
 """For each signal: its response, the relative standard deviation of real and imaginary part, and its coherence."""
 
 _MOST_MASKED = 0.05
-"""Largest share of a signal's samples that may be masked, and interpolated linearly, for a spectrum."""
+"""Largest fraction of a signal's samples that may be masked; for a spectrum these are interpolated linearly."""
 
 
 def chosen_signals(experiments: Sequence[Experiment], signals: Sequence[str] | None) -> tuple[str, ...]:
@@ -179,8 +179,8 @@ def to_response(
     operating_point: Mapping[str, float],
     provenance: Mapping[str, Any],
 ) -> FrequencyResponse:
-    """Assemble a response; the standard deviations of amplitude and phase are those of real and imaginary part."""
-    # Exact data have residuals of rounding only. A lower limit avoids zero deviations, whose weights would be infinite.
+    """Assemble a response; real and imaginary part give the standard deviations of both amplitude and phase."""
+    # The residuals of exact data are only rounding errors. A lower limit avoids zero deviations with infinite weights.
     std = {key: np.maximum(deviation, np.finfo(np.float64).eps) for key, (_, deviation, _) in points.items()}
     return FrequencyResponse(
         name=name,
@@ -202,7 +202,7 @@ def line_noise(residual: npt.ArrayLike, rate_hz: float, frequencies_hz: npt.Arra
     """Return for each line the variance of white noise with the same power as the residuals have near the line.
 
     A power law is fitted to the periodogram at neighbouring bins by maximum likelihood (Whittle). The periodogram has
-    no window: the leakage of a steep spectrum then affects it in the same way as the fitted line.
+    no window, so that leakage of a steep spectrum affects it in the same way as the fitted line.
 
     Parameters
     ----------
@@ -216,9 +216,9 @@ def line_noise(residual: npt.ArrayLike, rate_hz: float, frequencies_hz: npt.Arra
     Returns
     -------
     ndarray
-        Noise variance, shape (L,), unit of the residual squared. The variance, estimated from few bins, is increased to
-        that of Student's distribution with the same degrees of freedom. For a line with neighbours on only one side,
-        the noise is the mean of these bins; without neighbours, it is the variance of the residuals.
+        Noise variance, shape (L,), unit of the residual squared. An estimate from few bins is uncertain; it is
+        increased to the variance of Student's distribution with the same degrees of freedom. For a line with neighbours
+        on only one side, the noise is the mean of these bins; without neighbours, it is the variance of the residuals.
 
     Notes
     -----
@@ -236,7 +236,7 @@ def line_noise(residual: npt.ArrayLike, rate_hz: float, frequencies_hz: npt.Arra
             min(round(line) + _REACH, int(2 * line) + 2),
         )
         bins = np.arange(first, min(last + 1, len(spectrum) - 1))
-        # At least a bin away from every line, the fit removes no noise from the residuals.
+        # Only bins at least one bin away from every line: there the fit removes no noise from the residuals.
         beside = bins[np.abs(bins[:, None] - lines).min(axis=1, initial=np.inf) > 1.0 - 1e-6]
         below = int(np.sum(beside < line))
         if min(below, len(beside) - below) >= 2:
@@ -268,9 +268,9 @@ def _student(variance: float, freedom: float) -> float:
 FREQUENCY = "frequency_hz"
 _PARTS = ("amplitude_std", "phase_std", "coherence")
 UNKNOWN_AMPLITUDE, UNKNOWN_PHASE = 1.0, math.pi / math.sqrt(3.0)
-"""Standard deviations, relative and in rad, of an amplitude and a phase of which nothing is known."""
+"""Standard deviations of an unknown amplitude (relative) and of an unknown phase [rad]."""
 MOST_TURNS = 4.0
-"""Number of turns (phase / 2 pi) above which a fitted phase is assumed to be in degrees."""
+"""Number of turns (phase / 2 pi) above which a given phase is assumed to be in degrees."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -284,17 +284,17 @@ class FrequencyResponse(Tabular):
     frequency_hz
         Frequencies [Hz], shape (F,), positive.
     response
-        Signal name ("n_e", "M_g", ...) to the complex ratio of its normalised deviation to that of the set
-        point, shape (F,); NaN where a point is missing.
+        Complex ratio of a signal's normalised deviation to that of the set point, shape (F,), by signal name ("n_e",
+        "M_g", ...); NaN where a point is missing.
     amplitude_std, phase_std
-        Signal name to the relative standard deviation of the amplitude [-] and to that of the phase [rad], shape (F,), where
+        Relative standard deviation of the amplitude [-], and that of the phase [rad], by signal name, shape (F,), where
         known. The two differ if an error of a sine fit's frequency affects the phase but not the amplitude.
     operating_point
-        Signal name to the value by which the signal was normalised.
+        Value by which each signal was normalised, by signal name.
     provenance
         Source and processing of the numbers.
     coherence
-        Signal name to the coherence [-], shape (F,), where known: the share of the signal's power explained by the set
+        Coherence [-] by signal name, shape (F,), where known: the share of the signal's power explained by the set
         point.
     """
 

@@ -1,4 +1,4 @@
-"""Frequency responses to sines, by lines fitted to all channels, and to any excitation by local polynomials."""
+"""Frequency responses to sines, by sine fits to all channels, and to any excitation, by local polynomials."""
 
 from __future__ import annotations
 
@@ -31,21 +31,21 @@ def stepped_sine_response(
     disturbances_hz: Sequence[float] = (),
     settle_periods: float = 1.0,
 ) -> FrequencyResponse:
-    """Estimate the response to a sequence of sines; the frequency estimated from the set point is used for all channels.
+    """Estimate the response to a sequence of sines, with frequencies that are estimated from the set point.
 
     Parameters
     ----------
     experiments
-        One experiment that `segments` divide, or one experiment for each sine.
+        One experiment that is divided by `segments`, or one experiment for each sine.
     segments
         Time range of each sine in the experiment [s] and its approximate frequency, as in `Excitation.segments`; the
-        frequency is estimated from the set point.
+        frequency is estimated from the set point, and used for all channels.
     signals
         Outputs; None: all that every experiment has.
     harmonics
-        Number of harmonics to fit as well; their amplitude is in the provenance.
+        Number of harmonics to fit as well; their amplitude relative to the sine's is in the provenance.
     disturbances_hz
-        Known lines [Hz] to fit as well if away from the sine and below half the rate, such as shaft and blade passage.
+        Known lines [Hz], such as shaft and blade passage, also fitted if away from the sine and below half the rate.
     settle_periods
         Initial periods of each sine that are omitted, in which the ship settles.
 
@@ -53,7 +53,7 @@ def stepped_sine_response(
     -------
     FrequencyResponse
         Response of the channels, each normalised by its fitted offset (E_n by its operating point). The variance is the
-        sum of those from noise near the line in set point and output.
+        sum of the variances due to noise of set point and output near the sine's frequency.
 
     Raises
     ------
@@ -203,7 +203,7 @@ def _fitted(
 
 
 def _distortion(fit: Lines) -> float:
-    """Amplitude of the fitted harmonics over that of the sine."""
+    """Root sum of squares of the harmonics' amplitudes, over the sine's amplitude."""
     order = fit.frequency_hz[1:] / fit.frequency_hz[0]
     return float(np.linalg.norm(fit.amplitude[1:][np.abs(order - np.round(order)) < 1e-9]) / fit.amplitude[0])
 
@@ -223,7 +223,7 @@ def _reference(experiment: Experiment, name: str, fit: Lines) -> float:
 def _ratio(
     output: Lines, set_point: Lines, point: float, set_point_point: float
 ) -> tuple[ComplexArray, Array]:
-    """Normalised ratio, and the relative standard deviation of its real and imaginary part."""
+    """Normalised ratio of output and set point, and the relative standard deviation of its real and imaginary part."""
     response = (output.phasor / point) / (set_point.phasor / set_point_point)
     return np.asarray(response), np.hypot(output.phase_std, set_point.phase_std)
 
@@ -250,12 +250,12 @@ _LEAST_HALF = 6
 of freedom for the noise.
 """
 _SHARE = 0.05
-"""Half width of the window relative to the frequency, used where it is wider than the least number of bins: responses
-are smoother at high frequencies.
+"""Half width of the window relative to its frequency, if this is wider than the least number of bins; a response varies
+more slowly at high frequencies.
 """
 
 _SILENT = 1e-9
-"""Spectrum of the set point, relative to its maximum, below which a bin has only rounding errors."""
+"""Magnitude of the set point's spectrum, relative to its maximum, below which a bin has only rounding errors."""
 
 
 @checked
@@ -279,7 +279,7 @@ def local_response(
     Returns
     -------
     FrequencyResponse
-        Response at independent points, whose bins do not overlap; standard deviations are from the fit's residuals.
+        Response at independent points, whose bins do not overlap, with standard deviations from the fit's residuals.
         Noise of the set point is not considered.
 
     Raises

@@ -1,4 +1,4 @@
-"""Excitations: deviations of the engine-speed set point from the operating point.
+"""Excitations: deviations of the set point of the engine speed from the operating point.
 
 All functions raise `InputError` if an argument is out of range.
 """

@@ -1,4 +1,4 @@
-"""Sines as excitation: chirps, sines in sequence, and multisines."""
+"""Sinusoidal excitations: chirps, sequences of sines, and multisines."""
 
 from __future__ import annotations
 
@@ -55,8 +55,8 @@ def chirp(
     law
         "linear": equal time for each Hz; "logarithmic": equal time for each decade.
     avoid_hz
-        Bands (low, high) around resonances [Hz], which the frequency skips. At a skipped band the phase is continuous;
-        the whole duration is spent on frequencies outside the bands.
+        Bands (low, high) around resonances [Hz], which the frequency skips. The phase is continuous at a skipped band,
+        and the whole duration is spent outside the bands.
     rate_hz, name
         Sample rate [Hz] and label.
     """
@@ -106,7 +106,7 @@ def _turns(time: Array, start: float, stop: float, duration: float, law: Law) ->
 
 
 MOST_ITERATIONS = 100_000
-"""Largest number of rounds of clipping; the crest factor converges long before."""
+"""Largest number of rounds of clipping; the crest factor converges in far fewer."""
 
 
 @checked
@@ -167,7 +167,7 @@ def sine_sequence(
 def published_sine_sequence(amplitude_rpm: float = 13.0, *, rate_hz: float = 100.0) -> Excitation:
     """Return the sixteen sines of the virtual trial, four periods each (Table 5.1).
 
-    The frequencies follow from the printed times, in which each period is a multiple of 0.01 s; the printed
+    The frequencies are computed from the printed times, which make each period a multiple of 0.01 s; the printed
     frequencies are rounded.
     """
     rows = published.virtual_schedule()
@@ -190,7 +190,7 @@ def multisine(
 ) -> Excitation:
     """Return a sum of sines with phases that keep the crest factor low.
 
-    One period excites all frequencies, and need only last as long as a period of the lowest frequency.
+    One period excites all frequencies, and need not be longer than a period of the lowest frequency.
 
     Parameters
     ----------
@@ -262,7 +262,7 @@ def multisine(
 
 
 def _flattened(lines: npt.NDArray[np.int64], sizes: Array, samples: int, iterations: int) -> Array:
-    """One period of cosines at the given multiples of 1 / period, with the lowest crest factor that clipping finds."""
+    """One period of a sum of cosines at multiples of 1 / period, with the lowest crest factor that clipping finds."""
     # Schroeder's phases: each depends on the power of all lower lines. For F equal lines this is
     # pi k (k + 1) / F, apart from a shift in time.
     power = np.cumsum(sizes**2) / np.sum(sizes**2)
@@ -271,7 +271,8 @@ def _flattened(lines: npt.NDArray[np.int64], sizes: Array, samples: int, iterati
     spectrum[lines] = sizes * np.exp(-1j * phase)
     best = trial = np.fft.irfft(spectrum, samples)
     for round_ in range(iterations):
-        # Strong clipping in the first rounds leaves the start's local minimum; weak clipping in the last rounds refines.
+        # Strong clipping in the first rounds leaves the initial local minimum; weak clipping in the last rounds refines
+        # it.
         ceiling = (0.4 + 0.55 * round_ / iterations) * np.abs(trial).max()
         clipped = np.fft.rfft(np.clip(trial, -ceiling, ceiling))[lines]
         spectrum[lines] = sizes * np.exp(1j * np.angle(clipped))

@@ -1,4 +1,4 @@
-"""Excitation: deviations of the set point from the operating point, and operations on them."""
+"""Class `Excitation`: deviations of the set point from the operating point, and operations on them."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def outside(frequencies: Sequence[float], avoid_hz: Bands) -> list[float]:
 
 @dataclass(frozen=True)
 class Segment:
-    """Stretch of an excitation: content, start and end [s], and frequency [Hz] if it has one."""
+    """Stretch of an excitation: label of its content, start and end [s], and frequency [Hz] if it has one."""
 
     label: str
     start_s: float
@@ -182,7 +182,7 @@ class Excitation(Brief, EvenlySampled):
 
     @checked
     def power_in(self, low_hz: float, high_hz: float) -> float:
-        """Return the fraction of the mean square in a band [-], without the mean.
+        """Return the fraction [-] of the variance that lies in a frequency band.
 
         Parameters
         ----------
@@ -263,7 +263,7 @@ MOST_PERIODS = 100_000
 def repeated(
     name: str, kind: str, rate_hz: float, one_period: Array, periods: int, hold: Hold = "first"
 ) -> Excitation:
-    """Repeat the samples of a period [rpm]; each repetition is a segment."""
+    """Repeat one period of samples [rpm]; each repetition is a segment."""
     if not 1 <= periods <= MOST_PERIODS:
         raise InputError(f"periods is {periods}, expected 1 to {MOST_PERIODS}")
     at_most("periods", periods * len(one_period))

@@ -1,4 +1,4 @@
-"""Excitations that jump or look random: binary sequences, band-limited noise, steps."""
+"""Excitations with jumps or random samples: binary sequences, band-limited noise, steps."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def prbs(
     periods
         Number of periods.
     seed
-        Seed of the start within the sequence.
+        Seed that selects the start within the sequence.
     rate_hz, name
         Sample rate [Hz] and label.
 
@@ -92,7 +92,7 @@ def band_limited_noise(
     rms_rpm
         Root mean square [rpm].
     seed
-        Seed of the draw.
+        Seed of the random samples.
     avoid_hz
         Bands (low, high) around resonances [Hz] without noise.
     rate_hz, name

@@ -1,4 +1,4 @@
-"""One excitation of each kind from a few values, for the command line and for sweeps."""
+"""An excitation of any kind from a few values, for the command line and for sweeps."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ TOP_HZ = 5.0
 """Highest frequency of interest: pulse trains do not resolve higher ones, and governors do not follow them."""
 TONES = 16
 SPAN = 100.0
-"""Ratio of the highest to the lowest frequency of a sine sequence; the lowest follows from the duration."""
+"""Ratio of the highest to the lowest frequency of a sine sequence; the duration determines the lowest."""
 SHORTEST_BIT_S = 0.5
-"""Shortest bit of the binary sequence: about the response time of a launch."""
+"""Shortest bit of the binary sequence [s]: about the response time of a launch."""
 
 
 Kind = Literal["chirp", "steps", "multisine", "sines", "prbs", "noise"]

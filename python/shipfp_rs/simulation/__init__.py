@@ -1,1 +1,1 @@
-"""Virtual experiments and raw logs from a vessel."""
+"""Simulated experiments and simulated raw logs of a vessel."""

@@ -1,4 +1,4 @@
-"""Simulated raw logs: a virtual trial as sensors and a logger record it (section 6.1), with realistic faults."""
+"""Simulated raw logs: a simulated trial as sensors and a logger record it (section 6.1), with realistic faults."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ Kind = Literal["A", "B", "C", "D1", "D2", "D3", "gap", "dropout", "stuck", "clip
 """Faults of `shipfp_rs.logs.faults.KINDS` that can be simulated."""
 
 EQUATION_6_7 = Calibration(-251.38, -85.29, "rpm")
-"""Calibration of the set point's voltage."""
+"""Calibration of the set point's voltage [rpm/V]."""
 TABLE_6_6 = Calibration(1059.0, 0.0, "Nm")
-"""Calibration of the torque's voltage; the thesis prints 1.059 Nm/mV."""
+"""Calibration of the torque's voltage [Nm/V]; the thesis prints 1.059 Nm/mV."""
 MAINS_HZ = 50.0
 PULSE_HEIGHT_V = 5.0
 PULSE_WIDTH = 0.3
@@ -53,7 +53,7 @@ RANGES: Mapping[str, tuple[float, float]] = MappingProxyType(
         "clipped_share": (0.0, 0.5),
     }
 )
-"""Valid ranges of a measurement chain's numbers."""
+"""Valid range of each numeric field of `Sensors`."""
 FAULTS_PER_MINUTE = (0.0, 600.0)
 
 
@@ -66,7 +66,7 @@ class Sensors:
     rate_hz
         Sample rate of the logger [Hz].
     set_point, torque
-        Calibrations, inverted to obtain volts.
+        Calibrations, whose inverses give the recorded volts.
     set_point_noise_V, torque_noise_V, pulse_noise_V
         Standard deviations [V].
     telemetry_hz
@@ -74,16 +74,16 @@ class Sensors:
     receiver_limit_V
         Voltage at which the torque receiver saturates [V].
     ripple_Nm
-        Amplitudes of the torque at shaft rotation, blade passage, engine rotation and firing [Nm] (Table 6.9). A line
-        that the vessel's drive train itself produces is not added.
+        Amplitudes of the torque ripple at the frequencies of shaft rotation, blade passage, engine rotation and firing
+        [Nm] (Table 6.9). A component that the vessel's own model already has is not added.
     reflector_errors
         Displacements of the four reflectors from even spacing, relative to their pitch; the first one is the origin.
     edge_s
         Rise and fall time of the pulses [s]; with zero, a pulse rises and falls within one sample interval.
     faults_per_minute
-        Number of faults per minute of each kind: A and B on every pulse train, gap, dropout or stuck samples on the
-        torque, and repeated rows, which overwrite the following rows. Not included: hum (D2), throughout every chirp;
-        D3, which makes every chirp a sine; clipping, where the torque exceeds the sensor's range.
+        Number of faults per minute, by kind: A and B on every pulse train; gaps, dropouts and stuck samples on the
+        torque; repeated rows, which overwrite the following rows. Three kinds have no rate: hum (D2) is in every chirp,
+        D3 replaces every chirp by a sine, and the torque is clipped wherever it exceeds the sensor's range.
     hum_V
         Amplitude of the mains hum on the set point [V].
     clipped_share
@@ -137,7 +137,7 @@ class TrueWindow:
 
 
 def without_own_ripple(sensors: Sensors, vessel: Vessel) -> Sensors:
-    """Set the amplitudes of torque lines that the vessel's drive train itself produces to zero."""
+    """Set the amplitudes of ripple components that the vessel's own model already has to zero."""
     firing, propeller = vessel.engine.firing, vessel.propeller
     unequal = firing is not None and len(set(firing.strength or ())) > 1
     made = (propeller.shaft_ripple > 0.0, propeller.blade_ripple > 0.0, unequal, firing is not None)
@@ -148,7 +148,7 @@ def without_own_ripple(sensors: Sensors, vessel: Vessel) -> Sensors:
 
 
 class Recorder:
-    """Converter of the plant's signals to volts; it adds faults and records where."""
+    """Converter of the plant's signals to volts, which adds faults and records their time ranges."""
 
     def __init__(self, sensors: Sensors, strikes: frozenset[Kind], duration: float, seed: int) -> None:
         self.sensors = sensors
@@ -204,7 +204,7 @@ class Recorder:
         return volts
 
     def recorded_twice(self, volts: Mapping[str, Array]) -> dict[str, Array]:
-        """Repeat stretches of all channels over the following samples."""
+        """Overwrite samples of all channels by copies of the preceding samples."""
         chance = np.random.default_rng([len(simulated.LOSSES), 1, self._seed])
         twice = dict(volts)
         for start, stop in self._strike_for("repeated", "U_setpoint", chance, longest_s=0.2, shortest_s=0.1):
@@ -212,7 +212,7 @@ class Recorder:
         return twice
 
     def pulses(self, name: str, angle: Array, places: Array) -> Array:
-        """Return a pulse train with pulses at the angles k + `places` [rev] for every revolution k."""
+        """Return a pulse train [V] with pulses at the angles k + `places` [rev] for every revolution k."""
         noise, chance, rate = self._stream(), self._stream(), self.sensors.rate_hz
         start = noise.uniform()
         self.reflectors[name] = places
@@ -253,7 +253,7 @@ class Recorder:
         longest_s: float = 0.04,
         shortest_s: float | None = None,
     ) -> list[tuple[int, int]]:
-        """Draw and record spans (first and last sample) of a fault; `shortest_s` is a tenth of `longest_s` unless given."""
+        """Draw and record a fault's spans (first and last sample); `shortest_s` is a tenth of `longest_s` unless given."""
         starts = np.array(self._strike(fault, channel, chance), dtype=np.int64)
         lengths = np.round(
             chance.uniform(shortest_s or 0.1 * longest_s, longest_s, len(starts)) * self.sensors.rate_hz
@@ -307,9 +307,9 @@ class Truth:
     steady_s
         Start and stop of the steady time range [s].
     faults
-        For each kind of fault and each channel: time ranges, start and stop [s], shape (K, 2), ascending.
+        For each kind of fault and each channel: starts and stops of the faults [s], shape (K, 2), ascending.
     reflector_angles
-        Pulse train to the angles of its reflectors [rev], ascending from 0.
+        Angles of the reflectors [rev], ascending from 0, by pulse train.
     clean
         Signals of the plant, at the rate of the simulation.
     """
@@ -340,8 +340,8 @@ def simulate_raw_log(
 
     The record has a steady time range, then the excitations with pauses at the operating point between them, in the channels
     U_setpoint, U_torque (gauge), PTM_1 and PTM_4 (one and four reflectors on the propeller shaft) and PTM_e (one pulse per
-    engine revolution), all in volts. Pulses follow the shaft's continuous angle. Relay jumps are only on the recorded set
-    point.
+    engine revolution), all in volts. The pulses' times follow from the shaft's continuous angle. Relay jumps (D1) are
+    in the recorded set point only; the ship does not follow them.
 
     Parameters
     ----------
@@ -438,7 +438,7 @@ def _recorded(
 
 
 def _at_rate(moving: Experiment, rate_hz: float) -> dict[str, Array]:
-    """Recorded signals at the logger's rate."""
+    """The plant's signals at the logger's rate."""
     rows = {name: moving.signals[name] for name in ("n_set", "n_e", "n_s", "M_g")}
     if moving.rate_hz == rate_hz:
         return rows
@@ -484,7 +484,7 @@ def _joined(
     *,
     even: bool,
 ) -> tuple[Excitation, tuple[TrueWindow, ...]]:
-    """Return one excitation at a rate: steady time range, then each excitation and a pause; `even`: chirps of fault D3."""
+    """Join excitations at a rate: a steady time range, then each excitation and a pause; `even` gives chirps fault D3."""
     parts = [excitations] if isinstance(excitations, Excitation) else list(excitations)
     if not parts:
         raise InputError("excitations is empty, expected at least one")

@@ -1,4 +1,4 @@
-"""Virtual experiments: the nonlinear plant of a vessel under an excitation, optionally with noise or uneven inflow."""
+"""Simulated experiments: a vessel's nonlinear plant under an excitation, optionally with noise or inflow fluctuations."""
 
 from __future__ import annotations
 
@@ -35,10 +35,10 @@ class Inflow:
     Parameters
     ----------
     share
-        Standard deviation of the disturbance, relative to the operating point's torque. For a ship like the tug, one
-        per cent causes a scatter of 0.5 to 1 % in the amplitudes of sine fits over 100 to 300 s, as in appendix E.
+        Standard deviation of the disturbance, relative to the operating point's torque. For a ship like the tug, a
+        share of 0.01 causes a scatter of 0.5 to 1 % in the amplitudes of sine fits over 100 to 300 s, as in appendix E.
     memory_s
-        Time in which the correlation falls to 1/e [s].
+        Time in which the autocorrelation falls to 1/e [s].
     """
 
     share: float = 0.01
@@ -53,7 +53,7 @@ class Inflow:
 
 
 def disturbed(experiment: Experiment, model: LinearModel, inflow: Inflow, seed: int) -> Experiment:
-    """Return a simulated experiment in disturbed water, with the linear drive train's response added to n_e, n_s, M_g.
+    """Add the linear drive train's response to disturbed inflow to n_e, n_s and M_g of a simulated experiment.
 
     With the propeller's torque M_p* = p n* + w, n* = -w / (tau_n s + p - g + L) and M_g* = w + (p + tau_prop s) n*, where L
     is the loop with its dead time. The linear model suffices, since the responses are small.
@@ -74,24 +74,24 @@ def disturbed(experiment: Experiment, model: LinearModel, inflow: Inflow, seed: 
 
 
 LEAST_RATE_HZ = 100.0
-"""Rate [Hz] below which a set point is interpolated, which preserves its shape between samples."""
+"""Least rate of a simulated set point [Hz]; a slower one is interpolated, which preserves its shape between samples."""
 LEAD_S = 10.0
 """Time at the operating point before the record, in which filters settle and levels are measured [s]."""
 
 
 @checked
 def replay(vessel: Vessel, record: Experiment, at_the_shaft: bool = False) -> Experiment:
-    """Return the response of a vessel to a record's set point in still water, sampled and masked like the record.
+    """Return a vessel's response to a record's set point, without inflow fluctuations, sampled and masked like the record.
 
     A set point that is linear between samples (hold "first"), as from processed logs, is assumed to be low-passed; the
-    response is then low-passed, too.
+    response is then low-passed in the same way.
 
     Parameters
     ----------
     vessel
         The ship.
     record
-        Record whose set point is applied, as deviation from its operating point, about the vessel's operating point.
+        Record whose set point is applied: its deviation from the record's operating point is added to the vessel's.
     at_the_shaft
         Whether the speed is measured on the propeller's side of the torsionally flexible shaft.
     """
@@ -151,7 +151,7 @@ LARGEST_SHARE = 0.9
 """Largest relative deviation of the set point; a larger one would stall an engine."""
 _LARGEST_STEP = 0.025
 _MOST_SUBSTEPS = 20_000
-"""Largest step of RK4 times the fastest pole. The error, a few times (0.025)^4 / 120, is below 1e-8 of the deviation."""
+"""Largest RK4 step times the fastest pole: the error, a few times 0.025^4 / 120, is below 1e-8 of the deviation."""
 
 
 @runtime_checkable
@@ -182,8 +182,8 @@ def simulate(
     Parameters
     ----------
     vessel
-        The ship; or a fingerprint, whose model is simulated about the operating point of its data. Of the other
-        arguments it accepts `noise` and `seed`.
+        The ship, or a fingerprint, whose model is simulated about the operating point of its data. With a fingerprint,
+        only `noise` and `seed` of the other arguments are accepted.
     excitation
         Deviations of the set point.
     n_e_rpm
@@ -283,7 +283,7 @@ def simulate(
 
 
 class _Run(NamedTuple):
-    """Set point of the engine speed [rev/s], sample interval [s], steps per sample, and hold of the set point."""
+    """Set point of the engine speed [rev/s], sample interval [s], steps per sample, and interpolation of the set point."""
 
     set_point: Array
     dt: float
@@ -292,7 +292,7 @@ class _Run(NamedTuple):
 
 
 _Limit = tuple[Array, Array]
-"""Torque limit [Nm] over engine speed [rev/s]: speeds, torques; both empty without a limit."""
+"""Torque limit: engine speeds [rev/s], and the highest torque at each [Nm]; both are empty without a limit."""
 
 
 def _plant(
@@ -326,7 +326,7 @@ def _plant(
 def _whole(
     vessel: Vessel, train: DriveTrain, point: OperatingPoint, envelope: _Limit, run: _Run
 ) -> dict[str, Array]:
-    """Signals of the whole drive train."""
+    """Signals of a drive train with all its elements."""
     rows = _core.simulate_detailed_ship(
         *whole_about(vessel, point),
         train.strength,

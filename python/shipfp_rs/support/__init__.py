@@ -1,1 +1,1 @@
-"""General helpers, independent of ships, used by all subpackages: files, tables, hints, threads."""
+"""General helpers of all subpackages, independent of ships: files, tables, hints, threads."""

@@ -1,4 +1,4 @@
-"""Checks of public functions' arguments, against their annotations and beyond, with clear error messages."""
+"""Checks of the arguments of public functions against their annotations and valid ranges."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from shipfp_rs.errors import InputError
 from shipfp_rs.support.arrays import unmasked
 
 MOST_SAMPLES = 200_000_000
-"""Most samples of a generated signal."""
+"""Largest number of samples of a generated signal."""
 ACCURACIES_PCT = (1e-3, 1e3)
 """Range of target accuracies [%]."""
 HIDDEN = frozenset(("Cc", "Cs", "Zl", "Zp"))
@@ -77,7 +77,7 @@ def expect(holds: bool, key: str, found: object, expected: str) -> None:
 
 
 def shown(value: object) -> str:
-    """Python's text of a value, shortened to 60 characters; for a very long whole number, the number of its digits."""
+    """`repr` of a value, shortened to 60 characters; for a very long integer, its number of digits."""
     if isinstance(value, int) and value.bit_length() > 1000:  # Python refuses to print longer numbers
         return f"a whole number of {round(value.bit_length() * math.log10(2.0))} digits"
     text = repr(value)
@@ -86,15 +86,15 @@ def shown(value: object) -> str:
 
 F = TypeVar("F", bound=Callable[..., Any])
 Misfit = tuple[tuple[Any, ...], Any, str]
-"""Mismatch: keys that lead to the entry, the entry, and the expected type in words."""
+"""Mismatch: keys and indices that lead to the wrong entry, the entry, and the expected type in words."""
 
 LOOKED_AT = 1000
-"""Number of entries of a sequence that are checked against its annotation; the function itself checks arrays."""
+"""Number of entries of a sequence that are checked against its annotation; functions check arrays themselves."""
 
 
 @dataclass(frozen=True, eq=False)
 class Rule:
-    """Check from an annotation: expectation in words, test, and rules of the entries, or several alternative rules."""
+    """Rule from an annotation: the expected type in words, a test, rules of the entries, and alternative rules."""
 
     words: str
     holds: Callable[[Any], bool] = lambda value: True
@@ -146,7 +146,7 @@ Whole = Annotated[int, Rule("a whole number of 0 or more", lambda value: value >
 
 
 def checked(function: F) -> F:
-    """Decorator that rejects arguments of a type other than annotated; the function itself checks the contents of arrays.
+    """Decorator that rejects arguments of types other than annotated; the function itself checks the contents of arrays.
 
     Raises
     ------
@@ -187,7 +187,7 @@ def _plain(value: Any) -> Any:
 
 
 def check_fields(made: Any, label: str) -> None:
-    """Reject fields of a dataclass whose type is not as annotated; `label` names the object in errors.
+    """Reject fields of a dataclass whose type differs from the annotation; `label` names the object in errors.
 
     NumPy numbers, including 0-d arrays, are converted to Python numbers, which can be written to files.
     """
@@ -236,7 +236,7 @@ def _rules(owner: Any) -> Mapping[str, Rule]:
 
 @functools.cache
 def _hints(owner: Any) -> Mapping[str, Any]:
-    """Annotations; a name imported only for type checkers is looked up in the package's public names, else it is `Any`."""
+    """Annotations; a name imported only for type checkers is resolved from the package's public names, or else is `Any`."""
     try:
         return get_type_hints(owner, include_extras=True)
     except NameError:
@@ -289,7 +289,7 @@ def _rule(hint: Any) -> Rule:
 
 
 def _options(inner: tuple[Any, ...]) -> tuple[Any, ...]:
-    """Options of a union; `ArrayLike`, which is a union, too, stays one option."""
+    """Options of a union; `ArrayLike` is itself a union, but stays one option."""
     of_arrays = get_args(npt.ArrayLike)
     if set(of_arrays) <= set(inner):
         return (npt.ArrayLike, *(one for one in inner if one not in of_arrays))

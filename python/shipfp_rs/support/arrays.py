@@ -1,4 +1,4 @@
-"""Shared types of arrays, and spans of samples."""
+"""Array types, bases of classes with samples, and operations on spans of samples."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ def same(one: Any, other: Any) -> bool:
 
 
 def even_parts(pieces: Iterable[Numbers], size: int) -> Iterator[list[Numbers]]:
-    """Yield the pieces of each `size` successive samples, the last ones fewer, as views."""
+    """Yield views of `size` successive samples each; the last view may be shorter."""
     held: list[Numbers] = []
     count = 0
     for piece in pieces:

@@ -15,8 +15,7 @@ from scipy.signal import firwin, resample_poly
 from shipfp_rs.support.arrays import Array
 
 PASSBAND, STOPBAND = 0.3, 0.5
-"""Edges of the low-pass as fractions of the output's rate; frequencies above half the rate are suppressed to avoid
-aliasing.
+"""Edges of the low-pass's passband and stopband as fractions of the output's rate; the stopband avoids aliasing.
 """
 ATTENUATION_DB = 80.0
 
@@ -33,9 +32,9 @@ def taps(rate: float, shift: float) -> Array:
 
 
 EITHER_SIDE, RIPPLE_1E_5 = 32, ("kaiser", 10.0)
-"""Samples on either side that contribute to an interpolated sample, and the window: the response is flat to 1e-5 up to
-0.45 of the rate. The torque follows from a small difference of set point and speed, so a ripple of 0.1 per cent would
-bias a parameter by more than its interval.
+"""Number of samples on either side that contribute to an interpolated sample, and the window of the filter. The
+response is flat to 1e-5 up to 0.45 of the rate. The torque follows from a small difference of set point and speed, so a
+ripple of 0.1 per cent would bias a parameter by more than its interval.
 """
 
 
@@ -57,7 +56,7 @@ COMPLEX_STEP = 1e-30
 STEP = 1e-3
 """Relative real step; the fourth-order error is then near 1e-12 if the function is smooth over a few per cent."""
 SHRINK = 0.1
-"""Factor by which the step is changed where the results of two steps differ by more than `AGREE`, at most `TRIES` times."""
+"""Factor of the step's next trial, if the results of two steps differ by more than `AGREE`; at most `TRIES` trials."""
 AGREE = 1e-5
 TRIES = 6
 ROUNDING = 1e-14
@@ -71,9 +70,9 @@ class Differences:
     The imaginary part of f(x + ih) gives the derivative, exact to rounding (Squire and Trapp, SIAM Review 40 (1998)
     110-112), if the function accepts complex numbers and is analytic: no abs, no comparison, no table. This is checked
     once against a central difference and stored in `complex_step`. Otherwise central differences with two step sizes
-    are extrapolated to fourth order (Richardson). For smooth functions, their error is about 1e-10 times the ratio of
-    the function's to the parameter's size. Next to a bound, one-sided differences are used, with an error of about 1e-8
-    times this ratio.
+    are extrapolated to fourth order (Richardson). For smooth functions, their error is about 1e-10 times the function's
+    magnitude over the parameter's. Next to a bound, one-sided differences are used, with an error of about 1e-8 times
+    this ratio.
 
     Parameters
     ----------
@@ -143,7 +142,7 @@ def by_part(
     lower: npt.ArrayLike = -np.inf,
     upper: npt.ArrayLike = np.inf,
 ) -> list[list[Array]]:
-    """Derivatives of a function that returns several arrays: for each entry of the vector, a list with one array for each.
+    """Derivatives of a function that returns several arrays: for each entry of the vector, a list of as many arrays.
 
     The other arguments are those of `Differences`.
     """

@@ -74,7 +74,7 @@ def local(path: Path) -> Path:
 
 @contextlib.contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """Yield a temporary name beside `path`; renamed to `path` on success, removed on error.
+    """Yield a temporary file in the folder of `path`, which is renamed to `path` on success and removed on error.
 
     If `path` is a link, the file it points to is replaced. If it is a device or a pipe, the content is copied into it.
 
@@ -117,7 +117,7 @@ def _beside(target: Path) -> Path:
 
 @contextlib.contextmanager
 def _creating(path: Path) -> Iterator[None]:
-    """Say in one line that the user's path can't be written."""
+    """Replace errors by an `InputError` which says that the user's path can't be written."""
     try:
         yield
     except (OSError, RuntimeError) as error:  # RuntimeError: circular links, in older Pythons
@@ -152,7 +152,7 @@ def _write_into(path: Path, target: Path, source: Path) -> None:
 
 
 def write_text_atomically(path: Path, text: str) -> Path:
-    """Write UTF-8 text under a temporary name, then rename; return the path."""
+    """Write UTF-8 text to a temporary file and rename it to `path`; return `path`."""
     with replacing(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
     return path
@@ -162,7 +162,7 @@ def write_text_atomically(path: Path, text: str) -> Path:
 def replacing_folder(
     path: Path, *, marker: str, others: Collection[str] = (), force: bool = False
 ) -> Iterator[Path]:
-    """Yield a temporary folder beside `path`; its files are moved to `path` on success.
+    """Yield a temporary folder in the parent of `path`; its files are moved to `path` on success.
 
     A new folder is created by one rename. In an existing folder each file is replaced by one rename, and no other file is
     changed. A folder with `marker` and no files other than `others` is a previous result, which may be replaced; with
@@ -216,11 +216,11 @@ def _umask() -> int:
 
 
 HALF = re.compile(r"\\u[dD][89a-fA-F]")
-"""JSON escape of a surrogate, half a UTF-16 character, which UTF-8 files can't contain."""
+"""JSON escape of a surrogate (half of a UTF-16 pair), which UTF-8 files can't contain."""
 
 
 def finite(content: Any) -> Any:
-    """Return content as JSON has it: non-finite numbers None, NumPy numbers Python ones, dataclasses tables."""
+    """Convert content for JSON: non-finite numbers to None, NumPy numbers to Python numbers, dataclasses to tables."""
     if isinstance(content, np.generic | np.ndarray) and content.ndim == 0:
         content = content.item()
     if isinstance(content, float):

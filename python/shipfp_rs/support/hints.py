@@ -1,4 +1,4 @@
-"""Hints for error messages: misspelt names, names of other packages, and wrong units recognised by a value's size."""
+"""Hints for error messages: misspelt names, names used by other packages, and wrong units recognised by a value's size."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def suggestion(word: str, known: Sequence[str]) -> str:
 
 
 def likely(value: float, low: float, high: float, slips: Sequence[Slip], unit: str = "") -> str:
-    """Text on a likely mistake: the mistake whose correction brings `value` between `low` and `high`.
+    """Text that names a likely mistake: the one whose correction brings `value` between `low` and `high`.
 
     Empty if no correction does, or if the value is already in this range.
 
@@ -53,20 +53,20 @@ def likely(value: float, low: float, high: float, slips: Sequence[Slip], unit: s
 
 
 def likely_ratio(ratio: float, slips: Sequence[Slip], within: float = 0.1) -> str:
-    """Text for the mistake whose correction brings a ratio to 1; empty if no correction does."""
+    """Text that names the mistake whose correction brings a ratio to 1; empty if no correction does."""
     return next((f"; {name}?" for name, factor in slips if abs(ratio * factor - 1.0) <= within), "")
 
 
 @cache
 def _guesses() -> dict[tuple[str, str], str]:
-    """What to type instead of a name of another package, by class ("fp" for the package) and name."""
+    """Replacements for names used by other packages, by class ("fp" for this package) and name."""
     text = (resources.files("shipfp_rs") / "data" / "guesses.csv").read_text(encoding="utf-8")
     rows = csv.DictReader(text.splitlines())
     return {(row["where"], name): row["instead"] for row in rows for name in row["guesses"].split()}
 
 
 def no_attribute(owner: object, name: str) -> AttributeError:
-    """Return the error for a missing attribute of a class, an instance or the package, with the text to type instead."""
+    """Return the error for a missing attribute of a class, an instance or the package; its text suggests a replacement."""
     kind = owner if isinstance(owner, type) else type(owner)
     label = kind.__name__ if kind is not ModuleType else "fp"
     if name.startswith("_"):
@@ -80,7 +80,7 @@ def no_attribute(owner: object, name: str) -> AttributeError:
 
 
 class HintedType(ABCMeta):
-    """Metaclass of `Hinted`, which says the same for names of the class."""
+    """Metaclass of `Hinted`, which suggests replacements for missing attributes of the class itself."""
 
     if not TYPE_CHECKING:
 
@@ -89,11 +89,11 @@ class HintedType(ABCMeta):
 
 
 class Hinted(metaclass=HintedType):
-    """Base of public classes: the error of a missing attribute says what to type instead."""
+    """Base of public classes: the error of a missing attribute suggests a replacement."""
 
-    if not TYPE_CHECKING:  # or type checkers would accept every name
+    if not TYPE_CHECKING:  # else type checkers would accept every name
 
         def __getattr__(self, name: str) -> Any:
-            if hasattr(type(self), name):  # a property that failed: its own error
+            if hasattr(type(self), name):  # a property failed: raise its error again
                 return object.__getattribute__(self, name)
             raise no_attribute(self, name)

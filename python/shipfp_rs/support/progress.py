@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from contextvars import ContextVar
 
 Listener = Callable[[str, float], None]
-"""Function of the current activity and the completed fraction of all work, 0 to 1."""
+"""Listener: a function of the current activity and the completed fraction of all work, 0 to 1."""
 
 _LISTENER: ContextVar[Listener | None] = ContextVar("progress", default=None)
 
@@ -50,7 +50,7 @@ def part(first: float, last: float) -> Iterator[None]:
 
 
 def counted(what: str, steps: int) -> Callable[[], None]:
-    """Function for threads to call after each step; the function reports to the caller's listener."""
+    """Return a function that threads call after each step, and that reports to the caller's listener."""
     listener, lock, done = _LISTENER.get(), threading.Lock(), 0
 
     def step() -> None:

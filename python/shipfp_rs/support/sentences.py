@@ -1,4 +1,4 @@
-"""Sentences that keep their template and values, and the catalogues in `locale` that translate them."""
+"""Sentences that keep their template and values, and their translation by the catalogues in `locale`."""
 
 from __future__ import annotations
 

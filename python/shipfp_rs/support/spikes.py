@@ -11,8 +11,8 @@ ROBUST_SIGMA = 1.4826
 """Ratio of standard deviation to median absolute deviation for Gaussian noise."""
 
 COMES_BACK, SHOULDER, FOOT = 0.3, 0.5, 0.25
-"""Largest difference of the levels before and after a spike, relative to its height; share of the least height above which a
-sample is suspect; and share of the height at which a spike's length is measured.
+"""Largest difference of the levels before and after a spike, relative to its height; fraction of a spike's least height
+above which a sample is suspect; and fraction of its height at which its length is measured.
 """
 
 SWINGS_ON = 0.5
@@ -21,15 +21,15 @@ is less than this fraction of its height above a straight line through them.
 """
 
 JUMPS_S, FLANK, LOW, HIGH = 0.01, 0.15, 0.25, 0.75
-"""An excursion longer than this [s] is a spike only if it jumps both up and down: between these two fractions of its height
-within this fraction of its length, on either side.
+"""An excursion longer than `JUMPS_S` [s] is a spike only if both of its edges are steep: each rises or falls between
+the fractions `LOW` and `HIGH` of the height within the fraction `FLANK` of the length.
 """
 
 SCALE_WINDOW_S = 1.0
 """Length of the stretch in which the spread about the running median is estimated [s]."""
 
 SCALE_SAMPLES, LEAST_SCALE_SAMPLES = 500, 50
-"""Most and fewest samples used for the spread; in a slow channel, the stretch is longer to have the fewest."""
+"""Largest and smallest number of samples for the spread; a slow channel's stretch is extended to the smallest."""
 
 
 def find_spikes(samples: Array, rate_hz: float, *, longest_s: float, threshold: float, least: float) -> Spans:
@@ -37,8 +37,8 @@ def find_spikes(samples: Array, rate_hz: float, *, longest_s: float, threshold: 
 
     A sample is suspect if its distance from the running median exceeds `threshold` robust standard deviations
     (Hampel's rule) and `least` times the median magnitude. Successive suspect samples are a spike if they are above a
-    quarter of their height for at most `longest_s`, and the signal then continues as before. A plant's first response
-    to a step may rise as fast as a spike, but does not return. The spread is estimated over a second, or 50 samples of a
+    quarter of their height for at most `longest_s`, and the signal then continues as before. A plant's response to a
+    step may rise as fast as a spike, but does not return. The spread is estimated over a second, or 50 samples of a
     slow channel; the samples, shape (N,), are finite. F. R. Hampel, doi:10.1080/01621459.1974.10482962.
     """
     samples = np.asarray(samples, dtype=np.float64)
@@ -83,9 +83,9 @@ def running_median(samples: Array, window: int) -> Array:
 
 
 def _has_suspects(samples: Array, longest: int, least: float) -> bool:
-    """Whether samples under a running median differ by more than half the least height of a spike.
+    """Whether the samples in a running median's window differ by more than half the least height of a spike.
 
-    Their median is between their extremes, and its size is at least that of the signal's sample nearest to zero.
+    Their median is between their extremes; its magnitude is at least that of the signal's sample nearest to zero.
     """
     starts = np.arange(0, len(samples), longest)
     low, high = np.minimum.reduceat(samples, starts), np.maximum.reduceat(samples, starts)
@@ -96,13 +96,13 @@ def _has_suspects(samples: Array, longest: int, least: float) -> bool:
 
 
 def _beside(samples: Array, start: int, stop: int, longest: int) -> tuple[Array, Array]:
-    """Samples before and after a span, half the longest spike each, fewer at the signal's ends."""
+    """Samples before and after a span: half the longest spike on each side, fewer at the signal's ends."""
     nearby = max(longest // 2, 1)
     return samples[max(start - nearby, 0) : start], samples[stop : stop + nearby]
 
 
 def _is_spike(samples: Array, distance: Array, limit: Array, start: int, stop: int, longest: int) -> bool:
-    """Whether suspect samples are high and short, and the signal returns to its level; at its ends the level is unknown."""
+    """Whether suspect samples are a short, high excursion which, except at the signal's ends, returns to its level."""
     peak = start + int(np.argmax(distance[start:stop]))
     tall = np.flatnonzero(distance[start:stop] > FOOT * distance[peak])
     if np.ptp(tall) >= longest or stop - start > 2 * longest or distance[peak] <= limit[peak]:
@@ -115,7 +115,7 @@ def _is_spike(samples: Array, distance: Array, limit: Array, start: int, stop: i
 
 
 def _trimmed(samples: Array, limit: Array, start: int, stop: int, longest: int) -> tuple[int, int]:
-    """Span without the samples at its ends that are near the level, suspect only since a long spike shifts the median.
+    """Span without samples near the level at its ends, which are suspect only because a long spike shifts the median.
 
     The level is a line from the median before the spike to the median after it.
     """

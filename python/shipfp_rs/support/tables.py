@@ -182,7 +182,7 @@ class Tabular(Hinted):
 
 
 def package(name: str, distribution: str | None = None, extra: str | None = None) -> Any:
-    """Import an optional package, of an extra of its name or another; `InputError` with the command to install it."""
+    """Import an optional package; `InputError` with the install command, whose extra has the package's name by default."""
     try:
         return __import__(name)
     except ImportError as error:
@@ -210,7 +210,7 @@ def environment() -> Environment:
 
 
 def text_table(head: Sequence[str], rows: Iterable[Sequence[str]], left: int | None = None) -> list[str]:
-    """Lines of a table with a heading; columns are two spaces apart, the first `left` of them, or all, flush left."""
+    """Lines of a table with a heading; columns are two spaces apart; the first `left` columns, or all, are flush left."""
     lines = [head, *rows]
     widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
     sides = ["<" if left is None or place < left else ">" for place in range(len(widths))]

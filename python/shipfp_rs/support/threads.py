@@ -120,10 +120,10 @@ def where_alone(jobs: Sequence[Callable[[], T]]) -> list[T]:
 
 
 def import_beside(*modules: str) -> None:
-    """Import modules in a thread while the main thread computes without the GIL, which makes the later import faster."""
+    """Import modules in a thread while the main thread computes without the GIL; later imports are then immediate."""
 
     def load() -> None:
-        with contextlib.suppress(Exception):  # the import where the module is used raises the error again
+        with contextlib.suppress(Exception):  # the later import raises the error again
             for module in modules:
                 importlib.import_module(module)
 

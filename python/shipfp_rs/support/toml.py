@@ -1,4 +1,4 @@
-"""Configuration from TOML files, validated by a pydantic model; the first mistake becomes a message of one line."""
+"""Configuration from TOML files, validated by a pydantic model; the first mistake is reported in one line."""
 
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ SEVERAL_LINES = "description"
 _PYDANTIC = frozenset(dir(BaseModel))
 
 Name = Annotated[str, Field(min_length=1, max_length=200)]
-"""Name of a trial, a window or a channel."""
+"""Type of the name of a trial, a window or a channel."""
 FilePath = Annotated[str, Field(min_length=1)]
 Seed = Annotated[int, Field(ge=0, le=2**63 - 1)]
 Starts = Annotated[int, Field(ge=1, le=10_000)]
-"""Number of starts of a search; each takes about a second."""
+"""Type of the number of starts of a search; each start takes about a second."""
 
 
 if TYPE_CHECKING:
@@ -47,7 +47,7 @@ else:
 
 
 class _Named(HintedType, ModelMetaclass):
-    """Metaclass by which completion offers a table's own names without those of pydantic."""
+    """Metaclass that hides pydantic's names from completion."""
 
     def __dir__(cls) -> list[str]:
         return [name for name in super().__dir__() if name not in _PYDANTIC]
@@ -105,9 +105,9 @@ def template(name: str) -> str:
 
 
 def read_named(name_or_path: str | Path, model: type[Model], kind: str, key: str, what: str) -> Model:
-    """Read a file included in the package by its name, which takes precedence, or the user's own file by its path.
+    """Read a built-in file by its name, or a user's file by its path; a built-in name takes precedence.
 
-    Files of the package are those of a kind, see `built_in`; `key` ("vessel") and `what` ("ship") are for messages.
+    `kind` selects the built-in files, see `built_in`; `key` ("vessel") and `what` ("ship") are for messages.
     `InputError` if neither exists; also see `read_toml`.
     """
     name, known = str(name_or_path), built_in(kind)
@@ -219,7 +219,7 @@ def _near_table(model: type[BaseModel], location: Sequence[str]) -> str:
 
 
 def _expected(error: ErrorDetails) -> str:
-    """Expected value in words of TOML."""
+    """Expected value, described with TOML's terms."""
     match error["type"]:
         case "model_type" | "dict_type" | "model_attributes_type":
             return "a table"

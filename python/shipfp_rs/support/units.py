@@ -61,7 +61,7 @@ QUANTITIES: Mapping[str, Quantity] = {
     "power": Quantity("W", TO_W, (1e3, 1e9), (1e-6, 1e12)),
     "angle": Quantity("rev", TO_REV),
 }
-"""From a laboratory's motor to the largest ship's propeller: 90 rpm, 8 MNm, 80 MW; a turbine's shaft has 20,000 rpm."""
+"""Ranges from a laboratory motor to the largest propeller (90 rpm, 8 MNm, 80 MW); turbine shafts reach 20,000 rpm."""
 
 ELECTRIC = frozenset(("", "V", "mV", "µV", "A", "mA", "mV/V", "counts", "bits"))
 """Electrical units of a measuring amplifier or converter, which need a calibration."""
@@ -87,7 +87,7 @@ PLAIN = re.compile(
 
 
 def told(unit: str) -> str:
-    """Standard spelling of a unit: damaged letters repaired, any spelling of rpm as rpm.
+    """Standard spelling of a unit: wrongly decoded letters are repaired, and all spellings of rpm become "rpm".
 
     Examples
     --------
@@ -136,7 +136,7 @@ class Calibration:
     unit
         Unit of the value.
     covariance
-        Covariance of (scale, offset), shape (2, 2), if the line was fitted to more than two points.
+        Covariance of (scale, offset), shape (2, 2), if a line was fitted to more than two points.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Dataclasses whose fields pydantic checks against their annotations; the first mistake becomes a message of one line."""
+"""Dataclasses whose fields pydantic checks against their annotations; the first mistake is reported in one line."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ WORDS: Mapping[str, str] = {
     "less_than_equal": "{le:g} or less",
     "greater_than": "more than {gt:g}",
 }
-"""Expectation by type of pydantic's error, with its limits; the messages of other errors have it."""
+"""Expectation with limits, by type of pydantic's error; the messages of all other errors state the expectation."""
 
 
 def wrong(expected: str, found: object = None, key: str = "") -> PydanticCustomError:
@@ -95,7 +95,7 @@ def require(content: Any, shape: Any, key: str) -> None:
 
 
 def mistake(error: ErrorDetails) -> str:
-    """Say a mistake in one line: the key, what was found, what was expected."""
+    """Describe a mistake in one line: the key, the value found, and the expectation."""
     context, found = error.get("ctx", {}), error["input"]
     if context.get("key"):
         found = context["found"]

@@ -1,4 +1,4 @@
-"""Monte Carlo sweeps: many simulated trials, each identified, one row per draw; resumable, on any executor."""
+"""Monte Carlo sweeps: many simulated trials ("draws") are identified in parallel, resumably; each gives a table row."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from shipfp_rs.sweeps.store import SUMMARY, Store, joined, opened, share_of
 __all__ = ["DRAWS_PER_TASK", "Plan", "Progress", "Sweep", "Where", "sweep"]
 
 DRAWS_PER_TASK = 50
-"""Draws per task of a large sweep. A small sweep is cut into at least `SHARES` tasks, to occupy all workers."""
+"""Draws per task of a large sweep. A small sweep is divided into at least `SHARES` tasks, so that all workers are busy."""
 SHARES = 40
 MOST_ROWS = 8
 """Largest number of parameters in the printed summary of a sweep."""
@@ -35,7 +35,7 @@ MOST_ROWS = 8
 
 @dataclass(frozen=True)
 class Progress:
-    """Progress of a sweep or part: draws in the folder, draws made by this run, all draws, and failures in the folder."""
+    """Progress of a sweep or a part of it: draws done, draws done by this run, all draws, and failed draws."""
 
     done: int
     made: int
@@ -52,7 +52,7 @@ class Sweep:
     summary: dict[str, Any]
 
     def __repr__(self) -> str:
-        """Draws, and errors relative to the truth, in at most ten lines; `summary` and `table` have all results."""
+        """Show draws, and errors relative to the truth, in at most ten lines; `summary` and `table` have all results."""
         counts = ", ".join(
             f"{count} {what.replace('_', ' ')}" for what, count in self.summary["draws"].items()
         )
@@ -103,21 +103,22 @@ def sweep(
     out
         Folder of `results.parquet` (one row per draw) and `summary.json`; an earlier run with the same plan is resumed.
     executor
-        "processes" on this machine; "threads", which share one interpreter and use little more than one core; "dask", a
-        Dask cluster; or any `concurrent.futures` executor.
+        "processes" on this machine; "threads", which share one interpreter and so use little more than one core; "dask"
+        for a Dask cluster; or any `concurrent.futures` executor.
     workers
         Number of workers; None: one per core. For an executor object, the number of its workers.
     address
         Address of a running Dask scheduler; None: a new cluster on this machine's loopback interface.
     draws_per_task
-        Draws per task of a worker, saved together. A resumed sweep keeps its original number. None: 50, fewer in a small
-        sweep.
+        Draws that a worker computes and saves as one task; a resumed sweep keeps its original number. None: 50, or
+        fewer in a small sweep.
     part
-        Share of the draws to compute, as "3/20" for the third of twenty; None: all draws.
+        Part of the draws to compute: "3/20" is the third of twenty parts; None: all draws.
     merge
-        Folders of all parts, to join in `out` to the folder of one run, bit for bit; nothing is computed.
+        Folders of all parts, which are joined in `out`; nothing is computed, and the result is bitwise that of a single
+        run.
     accuracy_pct
-        Relative error [%] that the trial length in the summary must reach.
+        Relative error [%] for which the summary gives the necessary trial length.
     progress
         Function called at the start and after every task. None: a line on the terminal or in the notebook.
 
@@ -128,7 +129,8 @@ def sweep(
     Raises
     ------
     InputError
-        If the plan or the part is invalid, the folder contains other files, or parts to merge are no whole sweep.
+        If the plan or the part is invalid, the folder contains other files, or the parts to merge are not a whole
+        sweep.
     ShipfpError
         If the executor or the cluster is lost; completed draws are kept.
 
@@ -165,7 +167,7 @@ def sweep(
                     _run(plan, store, executor, workers, address, progress)
                 store.finish(rows)
         finally:
-            # An interrupted run gets a summary, too, with its progress.
+            # An interrupted run also writes a summary, of the draws so far.
             summary = summarise(plan, store.batches(), accuracy_pct)
             write_text_atomically(store.folder / SUMMARY, json_text(summary))
     return Sweep(Path(out), plan, summary)

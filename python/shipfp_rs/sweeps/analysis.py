@@ -1,4 +1,4 @@
-"""Results of a sweep: bias, spread, coverage and failures, overall and by factor; necessary length of a trial.
+"""Statistics of a sweep: bias, spread, coverage and failures, overall and by factor; necessary length of a trial.
 
 Rows are read once and only added to sums and histograms, so memory does not grow with the number of draws.
 """
@@ -20,9 +20,9 @@ from shipfp_rs.sweeps.plan import Factor, Plan, Value
 
 DURATION = "excitation.duration_s"
 BINS = 6
-"""Bins of a factor without levels, with equal numbers of draws."""
+"""Number of bins of a factor without levels; all bins have equally many draws."""
 ACCURACY_PCT = 10.0
-"""Default accuracy for the length of a trial: relative error that 95 of 100 trials do not exceed."""
+"""Default accuracy [%] for the necessary trial length: the relative error that 95 of 100 trials do not exceed."""
 _SMALLEST, _LARGEST, _PER_DECADE = 1e-9, 1e6, 100
 """Range of relative errors in the histograms, whose bins are 2.3 % wide."""
 _EDGES = np.geomspace(_SMALLEST, _LARGEST, 1 + round(math.log10(_LARGEST / _SMALLEST)) * _PER_DECADE)
@@ -30,7 +30,7 @@ _EDGES = np.geomspace(_SMALLEST, _LARGEST, 1 + round(math.log10(_LARGEST / _SMAL
 
 @dataclass(frozen=True)
 class Bins:
-    """Bins of the draws by a factor, a value that the sweep varies."""
+    """Bins of the draws by one factor; a factor is a value that the sweep varies."""
 
     key: str
     labels: tuple[Value, ...]
@@ -61,7 +61,7 @@ class Bins:
 
 
 class Tally:
-    """Sums over the draws of each group; a group is a combination of bins."""
+    """Sums over the draws of each group; a group is a combination of bins of all given factors."""
 
     def __init__(self, bins: Sequence[Bins], names: Sequence[str]) -> None:
         self.bins, self.names = tuple(bins), tuple(names)
@@ -139,7 +139,7 @@ class Tally:
         }
 
     def rows(self) -> list[dict[str, Any]]:
-        """Factors and statistics of each group."""
+        """Levels of the factors, and statistics, of each group."""
         shape = tuple(len(each.labels) for each in self.bins)
         return [
             {
@@ -162,15 +162,15 @@ def summarise(
     batches
         The sweep's rows so far.
     accuracy_pct
-        Relative error [%] that the trial length must reach.
+        Relative error [%] for which the necessary trial length is computed.
 
     Returns
     -------
     dict
-        Errors are relative to the truth's magnitude: `bias` is their mean, `spread` their standard deviation, `error_95`
-        their 95 % quantile, with infinite errors for draws without an estimate; `coverage` is the fraction of 95 %
-        intervals that contain the truth. `trial_length` is the shortest duration [s] with `error_95` within
-        `accuracy_pct`.
+        Errors are relative to the truth's magnitude: `bias` is their mean, `spread` their standard deviation,
+        `error_95` the 95 % quantile of their magnitude, infinite for draws without an estimate; `coverage` is the
+        fraction of 95 % intervals that contain the truth. `trial_length` is the shortest duration [s] with `error_95`
+        within `accuracy_pct`.
     """
     names = names_of(plan.structure)
     bins = {key: Bins.of(key, factor) for key, factor in sorted(plan.factors.items())}
@@ -219,7 +219,7 @@ def summarise(
 
 
 def _trial_lengths(tally: Tally, accuracy: float) -> list[dict[str, Any]]:
-    """For each parameter and each level of a second factor, the shortest duration with a small enough error."""
+    """For each parameter and each level of a second factor, the shortest duration with a sufficiently small error."""
     *others, duration = tally.bins
     lengths = [float(label) for label in duration.labels]
     order = np.argsort(lengths)
@@ -244,7 +244,7 @@ def _trial_lengths(tally: Tally, accuracy: float) -> list[dict[str, Any]]:
 def _first_within(
     lengths: Sequence[float], errors: Sequence[float | None], accuracy: float
 ) -> tuple[float | None, str]:
-    """Shortest sufficient length and a note, interpolated log-log between the last insufficient length and the next."""
+    """Shortest sufficient length, by log-log interpolation between the last insufficient length and the next, and a note."""
     failing = [place for place, error in enumerate(errors) if error is None or error > accuracy]
     if not failing:
         return lengths[0], f"{lengths[0]:g} s or less"

@@ -19,7 +19,7 @@ class Excitation(Section):
     """Excitation of the set point, see `signals.standard`."""
 
     kind: Kind = "chirp"
-    """Kind of motion."""
+    """Kind of signal."""
     duration_s: Positive = 120.0
     """Duration [s]."""
     amplitude_rpm: Positive = 40.0
@@ -48,7 +48,7 @@ class Noise(Section):
     X_f: Share = 0.0
     """Of the fuel rack."""
     level: Annotated[float, Field(ge=0.0, le=1000.0)] = 1.0
-    """Factor on the noise of all signals."""
+    """Factor by which the noise of all signals is multiplied."""
     correlation: Annotated[float, Field(gt=-1.0, lt=1.0)] = 0.0
     """Correlation between successive samples (first-order autoregression)."""
 
@@ -87,13 +87,13 @@ class Sensors(Section):
 
 
 class Faults(Section):
-    """Rates of faults in a raw log, per minute (Table 6.10); zero: none."""
+    """Numbers of faults per minute in a raw log (Table 6.10)."""
 
     A: Often = 0.0
     """Pulses counted twice, on every pulse train."""
     B: Often = 0.0
     """Missed pulses, on every pulse train."""
     C: Often = 0.0
-    """Losses of the torque's telemetry, at the receiver's limit."""
+    """Dropouts of the torque's telemetry, during which the receiver saturates."""
     D1: Often = 0.0
     """Relay jumps of the set point."""

@@ -1,4 +1,4 @@
-"""Distribution of a sweep's parts to workers; tolerates lost workers, and draws that end their worker's process."""
+"""Distribution of a sweep's tasks to workers. Lost workers, and draws that end their worker's process, are tolerated."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from shipfp_rs.sweeps.pools import AHEAD, Pool
 from shipfp_rs.sweeps.store import Store
 
 ATTEMPTS = 3
-"""Number of workers that a draw, run alone, may kill before it is recorded as failed."""
+"""Number of workers that a draw may kill, when run alone, before it is recorded as failed."""
 
 
 def run_task(plan: Plan, indices: Sequence[int]) -> pa.RecordBatch:
@@ -35,7 +35,7 @@ def run_parts(plan: Plan, store: Store, pool: Pool, arrived: Callable[[pa.Record
         return isinstance(future.exception(), pool.lost)
 
     while True:
-        # Only as many parts as the workers need, since submitted parts are in memory until they are written.
+        # Submit only as many parts as the workers need, since submitted parts stay in memory until they are written.
         while len(running) < AHEAD * pool.workers():
             part = again.popleft() if again else next(waiting, None)
             if part is None:
@@ -46,7 +46,7 @@ def run_parts(plan: Plan, store: Store, pool: Pool, arrived: Callable[[pa.Record
         back = wait(running, return_when=FIRST_COMPLETED).done
         if any(map(is_lost, back)):
             pool.renew()
-            # All processes of a pool end together, so all tasks that were running are lost as well.
+            # If one process of a pool ends, all end, so the other running tasks are lost as well.
             back = {future for future in running if future.done()}
         for future in sorted(back, key=lambda one: running[one]):
             part = running.pop(future)

@@ -1,4 +1,4 @@
-"""One draw: from conditions to simulated trial, fingerprint and table row, within a time limit."""
+"""One draw: simulates a trial under its conditions, identifies it and returns a table row, within a time limit."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ def _applies(name: str, values: dict[str, float]) -> bool:
 
 
 def schema_of(plan: Plan) -> pa.Schema:
-    """Columns of the table: index, seed, status, factors, truth, estimates, intervals, fits."""
+    """Schema of `results.parquet`: index, seed, status, factors, truth, estimates, intervals and fits of each draw."""
     names = names_of(plan.structure)
     return pa.schema(
         [
@@ -118,7 +118,7 @@ def run_draws(plan: Plan, indices: Sequence[int]) -> pa.RecordBatch:
 
 
 def lost_row(plan: Plan, index: int, message: str) -> pa.RecordBatch:
-    """Row of a draw without a result, whose process ended."""
+    """Row of a draw without a result, since its process ended."""
     row = _opening(plan, index) | {"status": "failed", "error": "WorkerLost", "message": message}
     return pa.RecordBatch.from_pylist([row], schema=schema_of(plan))
 

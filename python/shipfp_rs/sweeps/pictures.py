@@ -1,4 +1,4 @@
-"""Figures of a sweep: joint scatter of estimates, errors against each factor, and necessary length of a trial."""
+"""Figures of a sweep: scatter plots of the errors, errors against each factor, and errors against the trial's duration."""
 
 from __future__ import annotations
 

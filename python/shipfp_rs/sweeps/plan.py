@@ -1,4 +1,4 @@
-"""SWEEP.toml: vessel, trial, varying factors, and how each draw is seeded and identified."""
+"""SWEEP.toml: vessel, trial, factors (the varied values), and each draw's seed and identification."""
 
 from __future__ import annotations
 
@@ -32,11 +32,11 @@ from shipfp_rs.vessel.vessel import Vessel
 Design = Literal["random", "latin", "sobol", "grid"]
 
 BLOCK = 65_536
-"""Draws per design; a larger sweep has several designs, scrambled independently, so memory does not grow with the sweep."""
+"""Draws per design; a larger sweep has several independent designs, so memory does not grow with the number of draws."""
 
 
 def seed_of(seed: int, index: int) -> int:
-    """Seed of one draw, from 0 to 2^63 - 1, from the child of `SeedSequence(seed).spawn` with its index."""
+    """Seed of one draw, 0 to 2^63 - 1, drawn from the child of `SeedSequence(seed).spawn` with the draw's index."""
     child = np.random.SeedSequence(seed, spawn_key=(index,))
     return int(child.generate_state(1, np.uint64)[0] >> np.uint64(1))
 
@@ -66,13 +66,13 @@ def _block(design: str, factors: int, rows: int, seed: int, block: int) -> Array
 Positive = Annotated[float, Field(gt=0.0)]
 Value = float | bool | str
 MOST_SAMPLES = 5_000_000
-"""Largest number of samples per draw; their fit takes a minute or two and a gigabyte of memory."""
+"""Largest number of samples per draw; a fit to that many takes one or two minutes and a gigabyte of memory."""
 MOST_DRAWS = 10_000_000
-"""Largest number of draws, for a table that can still be read at once; at ten draws per second they take twelve days."""
+"""Largest number of draws; their table still fits in memory, and at ten draws per second they take twelve days."""
 Draws = Annotated[int, Field(ge=1, le=MOST_DRAWS)]
 
 OF_OTHER_CHAIN: Mapping[str, tuple[str, ...]] = {"experiment": ("sensors", "faults"), "log": ("noise",)}
-"""Tables of SWEEP.toml that have no effect for each value of `chain`."""
+"""For each value of `chain`, the tables of SWEEP.toml that have no effect."""
 
 
 class Header(Section):
@@ -87,9 +87,9 @@ class Header(Section):
     design: Design = "latin"
     """Design of the draws: "latin" and "sobol" distribute them evenly, "grid" has every combination of levels."""
     draws: Draws | None = None
-    """Number of draws; not for a grid, which has `repeats` for each of its cells."""
+    """Number of draws; a grid has the key `repeats` instead."""
     repeats: Draws | None = None
-    """Draws for each cell of a grid."""
+    """Number of draws for each combination of levels in a grid."""
     seed: Seed = 0
     """Seed from which the seeds of all draws are derived."""
     time_limit_s: Annotated[float, Field(gt=0.0, le=1e6)] | None = None
@@ -107,7 +107,7 @@ class Header(Section):
 
 
 class Identify(TrialIdentify):
-    """As in TRIAL.toml, but each draw has its own seed."""
+    """The table [identify] of TRIAL.toml, but without `seed`, since each draw has its own."""
 
     @model_validator(mode="after")
     def _has_no_seed(self) -> Self:
@@ -123,14 +123,14 @@ class Conditions(Section):
     noise: Noise = Noise()
     operating_point: OperatingPoint = OperatingPoint()
     vessel: dict[str, Any] = Field(default_factory=dict)
-    """Values that replace the ship's values, by dotted key of the vessel's file."""
+    """Values that replace those of the vessel's file, by dotted key."""
     sensors: Sensors = Sensors()
     faults: Faults = Faults()
     identify: Identify = Identify()
 
 
 class Factor(Section):
-    """Variation of one value: among values, uniform from low to high, or normal."""
+    """Variation of one value: from a list of values, uniform from `low` to `high`, or normal."""
 
     values: Annotated[tuple[Value, ...], Field(strict=False, min_length=1)] | None = None
     """Possible values, with equal frequency."""
@@ -186,7 +186,7 @@ class Factor(Section):
 
     @property
     def is_text(self) -> bool:
-        """Whether any value is a word."""
+        """Whether any value is a text."""
         return self.values is not None and any(isinstance(value, str) for value in self.values)
 
 
@@ -202,7 +202,7 @@ class Plan(Conditions):
 
     sweep: Header
     factors: dict[str, Factor] = Field(default_factory=dict)
-    """Variation of values in the other tables, by dotted key."""
+    """Variations of values in the other tables, by dotted key."""
 
     @model_validator(mode="after")
     def _varies_what_exists(self) -> Self:
@@ -266,7 +266,7 @@ class Plan(Conditions):
         return plan.checked(str(path))
 
     def checked(self, source: str) -> Self:
-        """Return the plan after checking the ship, the structure and the ends of every factor.
+        """Return the plan after checking the ship, the structure, and each factor near its least and greatest value.
 
         Raises
         ------
@@ -324,7 +324,7 @@ class Plan(Conditions):
         return {key: self.factors[key].levels() or [] for key in sorted(self.factors)}
 
     def factor_values(self, index: int) -> dict[str, Value]:
-        """Factors of one draw; a grid is completed before it is repeated."""
+        """Values of the factors in one draw; a grid is completed before it is repeated."""
         # Sorted, since the order of lines in a file must not change the draws.
         keys = sorted(self.factors)
         if self.sweep.design == "grid":
@@ -379,5 +379,5 @@ _SECTIONS: Mapping[str, type[BaseModel]] = {
 def _keys_of(section: str) -> tuple[str, ...] | None:
     """Keys of a table that a sweep may vary; None: the table has no fixed keys, or is unknown."""
     if section == "identify":
-        return HOW  # other keys would change the columns of the results
+        return HOW  # other keys of [identify] would change the columns of the results
     return tuple(_SECTIONS[section].model_fields) if section in _SECTIONS else None

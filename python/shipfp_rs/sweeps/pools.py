@@ -1,4 +1,4 @@
-"""Executors of draws: threads, processes, a Dask cluster, or an executor of the user."""
+"""Executors of draws: threads, processes, a Dask cluster, or an executor given by the user."""
 
 from __future__ import annotations
 
@@ -23,20 +23,20 @@ from shipfp_rs.sweeps.draw import raise_in
 Where = Literal["processes", "threads", "dask"]
 
 AHEAD = 2
-"""Tasks submitted per worker: one runs and one waits, so that no worker is idle."""
+"""Number of tasks submitted per worker: one runs and one waits, so that no worker is idle."""
 
 MOST_WORKERS = 1024
-"""Largest number of workers; more than the cores of any machine, or than one process can supply with tasks."""
+"""Largest number of workers, more than one machine has cores or one process can supply with tasks."""
 
 CONNECT_S = 10.0
-"""Longest wait for a scheduler's answer."""
+"""Longest wait for a scheduler's answer [s]."""
 
 QUIET = {
     "distributed.worker.profile.enabled": False,
     "distributed.admin.tick.interval": "1s",
     "distributed.admin.system-monitor.interval": "5s",
 }
-"""Settings of a local cluster: its default bookkeeping every few ms would take a tenth of a worker that runs only Python."""
+"""Settings of a local cluster: Dask's default bookkeeping every few ms would take a tenth of the workers' time."""
 
 
 class Stopped(BaseException):
@@ -70,7 +70,7 @@ class Pool:
 
 
 def begin_process() -> None:
-    """Initialise a process of a pool: its parent handles Ctrl-C, and the process ends with its parent."""
+    """Initialise a process of a pool: it ignores Ctrl-C, which its parent handles, and ends with its parent."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = multiprocessing.parent_process()
     if parent is not None:
@@ -99,7 +99,7 @@ def _end_at_once(executor: Executor) -> None:
     for thread in getattr(executor, "_threads", ()):
         if thread.ident is not None:
             raise_in(thread.ident, Stopped)
-    # Frees queues and semaphores; does not wait, since the processes have ended.
+    # Free queues and semaphores; this does not wait, since the processes have ended.
     executor.shutdown()
 
 

@@ -1,4 +1,4 @@
-"""Folder of a sweep: parts as they arrive, a manifest of its settings, and the final table."""
+"""Folder of a sweep: a file of each completed part, a manifest of the settings, and the final table."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from shipfp_rs.support.toml import Section, validated
 
 MANIFEST, RESULTS, SUMMARY, PARTS, LOCK = "manifest.json", "results.parquet", "summary.json", "parts", ".lock"
 ROWS_PER_GROUP = 16_384
-"""Rows per row group of the final table: its bytes do not depend on the size of the parts, and memory is constant."""
+"""Rows per row group of the final table. It is fixed: memory is constant, and the bytes do not depend on the parts' size."""
 PARTS_PER_FOLDER = 1000
 
 
@@ -39,7 +39,7 @@ class Manifest(Section):
 
 @dataclass
 class Store:
-    """Folder of one sweep, or of a share of it. Part k has the `part_draws` draws from place `k * part_draws` of `draws` on.
+    """Folder of one sweep, or of a share of it. Part k is `draws[k * part_draws : (k + 1) * part_draws]`.
 
     A part is written under a temporary name and renamed; after a kill it is either complete or missing.
     """
@@ -90,7 +90,7 @@ class Store:
         self.done.add(part)
 
     def finish(self, batches: Iterable[pa.RecordBatch] | None = None) -> None:
-        """Write all parts, or these rows, to `results.parquet` in the order of their draws, then remove the parts."""
+        """Write all parts, or the given rows, to `results.parquet`, ordered by draw; then remove the parts."""
         schema = self.schema.with_metadata({"shipfp_sweep": json.dumps(dict(self.record), sort_keys=True)})
         with (
             replacing(self.folder / RESULTS) as temporary,
@@ -101,7 +101,7 @@ class Store:
         shutil.rmtree(self.folder / PARTS, ignore_errors=True)
 
     def batches(self) -> Iterator[pa.RecordBatch]:
-        """Yield the available rows, in the order of their draws."""
+        """Yield the available rows, ordered by draw."""
         if self.finished:
             with pq.ParquetFile(local(self.folder) / RESULTS) as file:
                 yield from file.iter_batches(batch_size=ROWS_PER_GROUP)
@@ -200,7 +200,7 @@ def share_of(share: str, draws: int) -> range:
     Raises
     ------
     InputError
-        For another form, or for more shares than draws.
+        If `share` has another form, or there are more shares than draws.
     """
     number, slash, count = share.partition("/")
     if not (slash and number.isdecimal() and count.isdecimal() and 1 <= int(number) <= int(count)):
@@ -211,12 +211,12 @@ def share_of(share: str, draws: int) -> range:
 
 
 def joined(folders: Sequence[Path], whole: Store) -> Iterator[pa.RecordBatch]:
-    """Return the rows of a whole sweep, in the order of their draws, from the folders of its shares.
+    """Return the rows of a whole sweep, ordered by draw, from the folders of its shares.
 
     Raises
     ------
     InputError
-        For another sweep, and for a share that is missing, not finished or there twice.
+        If a folder belongs to another sweep, or a share is missing, unfinished or given twice.
     """
     found: dict[str, Path] = {}
     for folder in folders:
@@ -251,7 +251,7 @@ def joined(folders: Sequence[Path], whole: Store) -> Iterator[pa.RecordBatch]:
 
 
 def _remove_leftovers(folder: Path) -> None:
-    """Remove files that a killed run had not yet renamed or removed."""
+    """Remove temporary files of a killed run, and parts that the final table contains."""
     if (folder / RESULTS).exists():
         shutil.rmtree(folder / PARTS, ignore_errors=True)
     for pattern in (f".{MANIFEST}.*", f".{RESULTS}.*", f".{SUMMARY}.*", f"{PARTS}/*/.*"):
