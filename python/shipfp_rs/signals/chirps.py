@@ -271,8 +271,7 @@ def _flattened(lines: npt.NDArray[np.int64], sizes: Array, samples: int, iterati
     spectrum[lines] = sizes * np.exp(-1j * phase)
     best = trial = np.fft.irfft(spectrum, samples)
     for round_ in range(iterations):
-        # Strong clipping in the first rounds leaves the initial local minimum; weak clipping in the last rounds refines
-        # it.
+        # Strong clipping in the first rounds leaves the initial local minimum; weak clipping in the last refines it.
         ceiling = (0.4 + 0.55 * round_ / iterations) * np.abs(trial).max()
         clipped = np.fft.rfft(np.clip(trial, -ceiling, ceiling))[lines]
         spectrum[lines] = sizes * np.exp(1j * np.angle(clipped))

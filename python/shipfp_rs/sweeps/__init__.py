@@ -115,8 +115,7 @@ def sweep(
     part
         Part of the draws to compute: "3/20" is the third of twenty parts; None: all draws.
     merge
-        Folders of all parts, which are joined in `out`; nothing is computed, and the result is bitwise that of a single
-        run.
+        Folders of all parts, which are joined in `out`, bitwise as from a single run; nothing is computed.
     accuracy_pct
         Relative error [%] for which the summary gives the necessary trial length.
     progress
@@ -129,8 +128,7 @@ def sweep(
     Raises
     ------
     InputError
-        If the plan or the part is invalid, the folder contains other files, or the parts to merge are not a whole
-        sweep.
+        If the plan or the part is invalid, the folder contains other files, or the parts to merge are incomplete.
     ShipfpError
         If the executor or the cluster is lost; completed draws are kept.
 

@@ -173,9 +173,8 @@ def read_draft(path: Path) -> Draft:
             for name in DraftChannel.model_fields
             if table.get(name, TO_BE_GIVEN) != TO_BE_GIVEN
         }
-        known.setdefault(
-            "shaft", "" if "shaft" in table else "engine"
-        )  # without the key, the shaft is the engine's
+        # Without the key, the shaft is the engine's.
+        known.setdefault("shaft", "" if "shaft" in table else "engine")
         channels.append({"column": "", **known, "role": role} | ({} if role in LEVELS else {"name": key}))
     marked = content.get("windows", [])
     if not isinstance(marked, list) or not all(isinstance(window, Mapping) for window in marked):
