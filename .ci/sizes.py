@@ -47,7 +47,7 @@ BUDGETS = {
     "python/shipfp_rs/plot": 974,
     "python/shipfp_rs/exports": 821,
     "python": 52609,
-    "rust/src": 9865,
+    "rust/src": 9868,
     "tests": 40037,
 }
 """Most lines of each room, and most numeric constants of identification and structures. A commit that earns it lowers a

@@ -216,7 +216,7 @@ def compare(
     before, after
         Fingerprints of the same ship, structure and operating speed, from separate data. If the data selected the
         structures, one fingerprint may lack an element, such as a torque limit; its experiments are then fitted with this
-        element. Without its experiments it is compared unchanged, with a remark.
+        element. A fingerprint loaded without its experiments is compared as it is, and a remark says so.
     level
         Probability of a false alarm, over all quantities, and for the joint test.
     draws

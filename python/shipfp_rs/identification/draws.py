@@ -27,7 +27,7 @@ class Draws(Brief):
     table
         Their values in the parameters' units, shape (n, P).
     effective
-        Effective number of independent sets. It is less than n where sets were weighted and resampled, so that some repeat.
+        Effective number of independent sets. Weighting and resampling repeat some sets, so that it may be less than n.
     """
 
     names: tuple[str, ...]

@@ -28,7 +28,7 @@ LAGS_S = (0.02, 0.06, 0.2, 0.6, 2.0)
 LIMITS = {"torque_limit", "rack_rate"}
 """Kinds of shapes that limiters cause; a negative size is no evidence of a limit."""
 SHOWN = 16.0
-"""Least decrease of the deviance for a shape to be significant. By chance, any shape exceeds it once in a thousand."""
+"""Least decrease of the deviance for a significant shape; by chance, one of all shapes exceeds it once in a thousand."""
 CONSISTENT = 2.7
 """Least consistency over stretches of time for a shape to be significant; chance exceeds it once in twenty (one-sided)."""
 NEAR = 3.0

@@ -325,7 +325,7 @@ def is_ship(structure: Structure) -> bool:
 def question_of_ship(
     experiments: Sequence[Experiment], structure: Structure, options: Options | None = None
 ) -> Question:
-    """Return the question of a given ship, for which `is_ship` holds."""
+    """Return the question of a given structure with a ship's equations (see `is_ship`)."""
     equations = structure.equations
     assert isinstance(equations, ShipEquations)
     names = {parameter.name: parameter for parameter in structure.parameters}

@@ -1,4 +1,4 @@
-"""Joins files of one recording, merges loggers with a common clock, and finds the rate of even rows under a coarse clock."""
+"""Joins files of one recording, merges loggers with a common clock, and finds the rate of rows behind a coarse clock."""
 
 from __future__ import annotations
 
@@ -135,7 +135,7 @@ def _slips(passed: Array, counts: Rows) -> tuple[list[_Slip], bool]:
     steps = passed[1:]
     usual = _rows_a_tick(counts[steps == 1.0])
     lacking = usual * steps - counts
-    # Ticks with a few rows more than usual show how early or late time stamps are.
+    # A tick of the clock with a few rows more than usual shows by how many rows time stamps are early or late.
     more = -lacking[(steps == 1.0) & (lacking >= -EARLY * usual)].min(initial=0.0)
     least = 0.5 if usual == round(usual) else 2.0 * WITHIN
     early = bool(more > least)

@@ -48,8 +48,8 @@ cells.
 CHANGES_GROWTH = 32.0
 """Largest number of grid samples per recorded state change."""
 MOST_EVEN, MISSED = 1.01, 1.5
-"""Rows are even if a long step (90 % quantile) is below `MOST_EVEN` short steps (5 % quantile). In even rows, a step
-above `MISSED` long steps is a gap.
+"""Rows are evenly spaced if the 90 % quantile of their time steps is below `MOST_EVEN` times the 5 % quantile. In such
+rows, a step above `MISSED` times the 90 % quantile is a gap.
 """
 HELD_GROWTH = 1000.0
 """Largest number of grid samples per recorded change of a held channel."""

@@ -121,7 +121,7 @@ def of_the_tachometer(experiment: Experiment, model: Mapping[str, Array], say: S
 
 
 def _masked(experiment: Experiment, unit: str) -> Iterator[Fault]:
-    """Yield all masked stretches of the signals in a unit as faults, for a figure without localised faults."""
+    """Yield the masked stretches of all signals with this unit as faults, for a figure whose faults have no places."""
     for name, samples in experiment.signals.items():
         if UNITS[name] == unit and np.isnan(samples).any():
             spans, what = runs(np.isnan(samples)), Sentence("masked samples")

@@ -75,7 +75,7 @@ class Declared(hints.Hinted):
     def free(self) -> tuple[Parameter, ...]:
         """Estimated parameters, including those with a prior.
 
-        The bounds also keep every parameter that is tied to one of them within its own bounds.
+        Their bounds are narrowed such that every parameter tied to them stays within its own bounds.
         """
         return tuple(
             self._within_ties(parameter)

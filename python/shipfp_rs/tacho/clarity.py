@@ -25,7 +25,7 @@ _DENSE = 10.0
 IN_A_ROW = 20
 """This many successive periods of nearly equal length are pulses; noise has less than half as many in a row."""
 _EVEN = 0.25
-"""Largest relative difference between a period of an even row and the mean of its two neighbours."""
+"""Largest relative difference between a period of an evenly spaced row and the mean of its two neighbours."""
 _MARGIN = 2
 _UNTOLD = 16
 _NEIGHBOURS = 7
@@ -71,10 +71,10 @@ def clear_pulses(times: Array, heights: Array, limits: Array, usual: float) -> F
 
 
 def _in_rows(times: Array, doubted: Flags, faint: Flags) -> Flags:
-    """Mark the crossings in even rows around doubtful ones; faint ones (below the limit) only inside a row."""
+    """Mark the crossings in evenly spaced rows around doubtful ones; of a row below the limit, only the inner ones."""
     found = np.zeros(len(times), dtype=np.bool_)
     for first, stop in runs(doubted).tolist():
-        # Include crossings on either side that may belong to the same even row.
+        # Include crossings on either side that may belong to the same evenly spaced row.
         begin, end = max(first - IN_A_ROW, 0), min(stop + IN_A_ROW, len(times))
         for start, last in (runs(_even(np.diff(times[begin:end]))) + begin).tolist():
             if last - start >= IN_A_ROW:

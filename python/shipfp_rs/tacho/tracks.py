@@ -223,7 +223,7 @@ def _columns(track: Track) -> tuple[npt.NDArray[Any], ...]:
 
 
 def _outwards(track: Track, start: int, stop: int, *, alone: bool = True) -> Track:
-    """Count the intervals from `start` to `stop` one by one, each by the trend of the speeds before it."""
+    """Number of pulses in each interval from `start` to `stop`, as predicted by the speeds of the intervals before it."""
     if not _TREND <= start < stop or not track.usable[start - _TREND : stop].all():
         return track
     edges = track.edges_s[start - _TREND : stop + 1].tolist()

@@ -122,10 +122,13 @@ impl DeadTime {
 /// A governor with a clock, which holds its command between samples.
 #[derive(Debug)]
 pub struct Clock {
-    /// Sample period; first sample (the last one if the governor samples at firings) and next sample [s]; number of samples.
+    /// Sample period [s].
     pub period: f64,
+    /// Time of the first sample, or of the last one if the governor samples at firings [s].
     pub first: f64,
+    /// Time of the next sample [s].
     pub next: f64,
+    /// Number of samples taken.
     pub taken: usize,
     /// Whether the integral includes an error before it is used.
     pub sums_first: bool,

@@ -99,7 +99,7 @@ impl Constants {
     }
 }
 
-/// Elements that act; all other elements take no time.
+/// Elements that act; the stepper does not compute the others.
 #[derive(Clone, Copy)]
 #[allow(clippy::struct_excessive_bools)]
 pub struct Acting {

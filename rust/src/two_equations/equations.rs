@@ -337,9 +337,9 @@ fn written(values: &[f64; COUNT], [torque, rack, both]: [bool; 3], setup: Setup)
         equations.extend([engine, fed]);
     } else {
         // In moving water the engine's residual is far smaller than the load's, since the wake moves speed and torque
-        // together. Operators and the taper do not commute, so a multiple of the load's equation, times `cleared`, adds the
-        // load's noise to the engine's equation. A set point does not determine this multiple. The engine's equation always
-        // has the multiple for the inertia `t_1`, whatever the parameters are, so that noise does not determine it either.
+        // together. The taper does not commute with operators, so adding a multiple of the load's equation, times `cleared`,
+        // to the engine's equation also adds the load's noise. The set point gives no information on this multiple, and its
+        // noise must not determine it either. The multiple is therefore that of the inertia `t_1`, for all parameters.
         if let Some(load) = equations.first().filter(|_| gauge && values[at::T_1] > 0.0) {
             let known = Dual::new(values[at::T_1]);
             let multiple = (ahead + known * -1.0) * (q(at::TAU_PROP) + known).inverse();
