@@ -38,10 +38,12 @@ def of_python(path: Path) -> Iterator[Text]:
                 if "-----" not in part and ">>>" not in part:
                     yield path, node.lineno, part
         elif isinstance(node, ast.Raise) and node.exc is not None:
+            parts = list(ast.walk(node.exc))
+            specs = [part.format_spec for part in parts if isinstance(part, ast.FormattedValue)]
             pieces = [
                 piece.value if isinstance(piece, ast.Constant) else "..."
-                for part in ast.walk(node.exc)
-                if isinstance(part, ast.JoinedStr)
+                for part in parts
+                if isinstance(part, ast.JoinedStr) and part not in specs
                 for piece in part.values
             ]
             yield path, node.lineno, "".join(map(str, pieces))

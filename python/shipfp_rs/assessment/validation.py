@@ -86,7 +86,7 @@ def measured_steps(experiment: Experiment) -> list[MeasuredStep]:
             continue
         off = 100.0 * (speed[place - around : end] - speed[level].mean())
         outside = np.flatnonzero(np.abs(off) > BAND_PCT)
-        # Times count from the start of the step, `around` samples after the start of `off`.
+        # The step starts at sample `around` of `off`; times count from there.
         last = (outside[-1] + 1 - around) / rate_hz if len(outside) else 0.0
         back = not len(outside) or outside[-1] + 1 < len(off)
         deviation = float((-np.sign(step) * off).max())

@@ -74,8 +74,8 @@ class Fingerprint(FingerprintTables, FingerprintSimulation):
         Name to estimate of the load's parameters from speed and torque alone, without a model of drive and governor (see
         `load_side`); empty if speed and torque determine none.
     behind_meter
-        "p", "c_2" and "tau_prop" of the load behind the torque meter of a shaft, where the model ends at that meter and the
-        set point moves; see `whole_ship`. They are relative to the torque before the meter.
+        "p", "c_2" and "tau_prop" of the load behind a shaft's torque meter, if the model ends at that meter and the set
+        point was moved; see `whole_ship`. They are relative to the torque before the meter.
     usable, usability
         What the fingerprint can be used for: `usable` is the verdict's first sentence; `usability` is "usable", "usable
         except" (for the parameters or intervals in that sentence) or "not usable". Both are empty where this was not judged,

@@ -23,7 +23,7 @@ LAGS_S = (0.0, 0.03, 0.08, 0.15, 0.3)
 LOW_PASS_HZ = 3.0
 """Highest frequency of the regressions [Hz]: minima are wider at low frequencies (Ha and Welsh 2017)."""
 STRONGEST = 400
-"""Most frequencies of a regression; those at which the inputs are strongest are used."""
+"""Largest number of frequencies in a regression: those at which the inputs are strongest."""
 CORNER = 3.0
 """Corner frequency [rad/s]. The equation is divided by jw + `CORNER`, so that noise at high frequencies weighs less."""
 APART_S = 0.07

@@ -483,7 +483,7 @@ class Likelihood:
         return replace(found, models=models)
 
     def near(self, vector: Array) -> Self:
-        """Return the likelihood with derivatives of effects without closed form frozen at their values at a point."""
+        """Return a likelihood whose effects without a closed form have constant derivatives, those at a point."""
         return replace(self, about=vector) if self.limited else self
 
     def corrected(self, vector: Array) -> Self:

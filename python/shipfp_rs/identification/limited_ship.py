@@ -60,7 +60,7 @@ class LimitedShip(ShipModel):
 
     @property
     def has_effect(self) -> bool:
-        """Always true: the closed form lacks the limits."""
+        """Return True: limits have no closed form."""
         return True
 
     def effect(self, values: Mapping[str, float], own: Array) -> ComplexArray:

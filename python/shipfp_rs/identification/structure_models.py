@@ -279,8 +279,8 @@ def _in_time(data: Experiment, structure: Structure, noise: str | None, *, at_re
     if noise != "white":
         return banded(samples) if samples.valid.any() else samples
     ship = Ship.of(structure)
-    # The time domain is exact for simulated data from rest and for linear ships. It needs no taper, which would remove much
-    # of a short record. For linear ships it is as fast as spectra.
+    # The time domain is exact for simulated data from rest and for linear ships. Spectra need a taper, which removes much
+    # of a short record. For linear ships the time domain is as fast.
     short = data.duration < SHORTEST_S
     if ship is None or ship.is_linear or at_rest or short or not samples.valid.any():
         return samples

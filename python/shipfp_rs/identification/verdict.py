@@ -24,7 +24,7 @@ from shipfp_rs.support.units import unit_shown
 SMALL_PCT = 0.1
 """Misfit [% of an output's spread] up to which the structure is not faulted: no sensor of a ship is more accurate."""
 SHORT_S = 0.02
-"""Upper end of a delay's interval [s] up to which the delay is "off", if the interval includes zero."""
+"""A delay counts as absent ("off") if its interval includes zero and ends at or below this value [s]."""
 AT_THE_METER = Sentence(
     "The measured load is the whole torque of the shaft, so the model ends at the torque meter: tau_n is the time constant "
     "of the inertia on the drive's side, and gains, margins and steps are those of the drive without its load. A record "

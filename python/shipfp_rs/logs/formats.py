@@ -15,7 +15,7 @@ from shipfp_rs.support.files import words_of
 MOST_PACKED = 10_000
 """Largest plausible number of samples per byte of a file; a compressed channel that hardly changes reaches it."""
 MANY_SAMPLES = 1_000_000_000
-"""Number of samples that is read within seconds, however small the file."""
+"""A file with at most this many samples is read within seconds, however strongly it is compressed."""
 TOLD: Mapping[str, Any] = words_of("log_formats")
 """Suffixes and first bytes of all formats; `data/log_formats.toml` describes its tables."""
 SUFFIXES: Mapping[str, str] = TOLD["suffixes"]

@@ -262,7 +262,7 @@ def set_points(given: Mapping[str, Named]) -> list[str]:
         and "measured" not in one.tells
         and (one.quantity == "speed" or (one.quantity is None and _may_ask(one)) or one.unit == "%")
     }
-    # PitchCommand beside PitchFeedback, which is not a speed, is not a set point of speed.
+    # Since PitchFeedback is not a speed, PitchCommand is not the set point of a speed.
     others = {
         _stem(name) for name, one in given.items() if "measured" in one.tells and one.quantity != "speed"
     }

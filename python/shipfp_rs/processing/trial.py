@@ -211,7 +211,7 @@ OF_THE_FULL_SHIP: Mapping[str, tuple[Any, ...]] = {
     "noise": (None, "coloured"),
     "starts": (None, 1),
 }
-"""Values of the other keys that declare no structure; the full ship is fitted."""
+"""With these values, the other keys declare no structure either, and the full ship is fitted."""
 
 
 def _a_language(word: str) -> str:

@@ -38,8 +38,8 @@ class Columns(NamedTuple):
 class Tabular(Hinted):
     """Base of classes that convert to tables: one independent column, dependent columns, and metadata.
 
-    Tables hold the metadata (name, operating point, ...) as JSON. For tables from other programs, missing or wrong
-    metadata are given by keyword. A method whose package is not installed raises `InputError`.
+    Tables hold the metadata (name, operating point, ...) as JSON. For tables from other programs, keywords supply
+    metadata that are missing or wrong. A method whose package is not installed raises `InputError`.
     """
 
     @abstractmethod

@@ -134,7 +134,9 @@ def align_angles(track: Track, angles: ReflectorAngles) -> tuple[Array, Array]:
         return angles.fractions, angles.std / angles.fractions
     ratio, steady, phase = _period_ratios(track, count)
     seen = np.bincount(phase[steady], minlength=count)
-    if seen.min() < _LEAST_TURNS:  # too short to identify the first interval: equal fractions
+    if (
+        seen.min() < _LEAST_TURNS
+    ):  # The track is too short to identify its first interval, so equal fractions are returned.
         return np.full(count, 1.0 / count), np.full(count, np.std(angles.fractions) * count)
     mean = np.bincount(phase[steady], ratio[steady], minlength=count) / np.maximum(seen, 1)
     turned = [np.roll(angles.fractions, -k) for k in range(count)]

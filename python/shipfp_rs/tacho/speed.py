@@ -122,8 +122,8 @@ def speed_from_pulses(
     distinguish missed pulses from a stopping shaft; the standard deviation then covers both. Intervals over a gap, and
     intervals with more than four missed pulses, are omitted.
 
-    Standard deviations for pulses of `pulse_times` are valid from three samples per pulse upwards. Their accuracy is
-    that of the noise estimate, about 4 %. At a steady speed with a nearly whole number of samples between pulses, the
+    Standard deviations for pulses of `pulse_times` are valid from three samples per pulse upwards, and accurate to
+    about 4 %, like the noise estimate. At a steady speed with a nearly whole number of samples between pulses, the
     errors are equal and cancel; the standard deviation is then too large, since at least a twentieth of the variance
     is kept.
 

@@ -239,7 +239,8 @@ impl Pass<'_> {
     }
 }
 
-/// Whether all periods are at least `least` and below `most` times each of the ten before and after, and so of their median.
+/// Whether the ratio of each period to each of the ten before and after it is at least `least` and below `most`. The ratio to
+/// their median then is too.
 ///
 /// # Errors
 /// On a stop.

@@ -21,9 +21,9 @@ fn is_usable(x: f64) -> bool {
 
 /// Low and high state level: the modes of the lower and upper half of a histogram of the finite samples.
 ///
-/// The histogram has 100 bins, like MATLAB's `statelevels`. Rare high peaks would put both states into one bin. The
-/// histogram is therefore repeated over the bins that remain without a thousandth of the samples at each end, as long as
-/// they cover less than half of the range.
+/// The histogram has 100 bins, like MATLAB's `statelevels`. Rare high peaks would put both states into one bin. A
+/// thousandth of the samples at each end is therefore cut off, and the histogram is repeated over the remaining bins, as
+/// long as these bins cover less than half of the range.
 ///
 /// Both are NaN if no sample is finite.
 ///

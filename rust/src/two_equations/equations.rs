@@ -271,7 +271,7 @@ fn written(values: &[f64; COUNT], [torque, rack, both]: [bool; 3], setup: Setup)
     let twist = poly(&[zero, q(at::TAU_TWIST)]);
 
     // The shaft's twist turns its engine end ahead of its propeller end: `damped` (n_e - n_s) = `twist` M_g. If the
-    // propeller's speed is measured, the engine's speed times `on_engine` is `damped` n_s + `wound` M.
+    // propeller's speed n_s is measured, the engine's speed n_e is replaced: `on_engine` n_e = `damped` n_s + `wound` M.
     let turned = if gauge { damped.clone() } else { damped.clone().plus(&inertia.times(&twist), 1.0) };
     let (on_engine, wound) =
         if propeller { (turned.clone(), twist.clone()) } else { (poly(&[one]), poly(&[zero])) };

@@ -1,7 +1,7 @@
 //! Residuals of the outputs and their derivatives at all frequencies.
 //!
-//! A taper w and an operator H do not commute: `F[w (H x)] = sum_k H^(k)(s) / k! F[(-1)^k w^(k) x]`. With `x_k` for the
-//! spectrum with the k-th derivative of the taper, sign included, s acts as `(s x)_k = s x_k + x_{k+1}`, and a delay of t as
+//! A taper w and an operator H do not commute: `F[w (H x)] = sum_k H^(k)(s) / k! F[(-1)^k w^(k) x]`. Let
+//! `x_k` be the spectrum `F[(-1)^k w^(k) x]`. Then s acts as `(s x)_k = s x_k + x_{k+1}`, and a delay of t as
 //! `exp(-s t) sum_j (-t)^j / j! x_{k+j}`.
 
 use pulp::{Simd, WithSimd};

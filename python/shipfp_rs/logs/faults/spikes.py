@@ -16,7 +16,7 @@ from shipfp_rs.support.units import Calibration
 PIECE = 1 << 18
 """Samples processed together."""
 SHORTEST = 2
-"""Number of samples that a spike may have even if they last longer than the longest spike, as in a slow channel."""
+"""A spike may have this many samples, even if they exceed the longest duration of a spike, as in a slow channel."""
 BY_A_CLOCK, LONGEST_HELD_S = 0.9, 0.2
 """A channel holds its values if more than this fraction of its changes is at multiples of one period; longest period
 [s].

@@ -115,7 +115,7 @@ def plan_of_numbers(path: object, column: Column, *, trusted: bool = False) -> T
 
 
 def _is_packed(values: Array) -> bool:
-    """Whether numbers are times of day hhmmss.s, such as 100059.5: as times, they are more even (59.9 is next to 100.0)."""
+    """Whether numbers are times of day hhmmss.s: read as times, their steps are more equal than read as numbers."""
     inside = (values >= 0.0) & (values < 240000.0) & (values % 100 < 60) & (values // 100 % 100 < 60)
     steps = np.diff(values)
     told = np.diff(values // 1e4 * 3600.0 + values // 100 % 100 * 60.0 + values % 100)
