@@ -29,7 +29,7 @@ from shipfp_rs.support.threads import with_one_blas_thread
 from shipfp_rs.support.units import unit_shown
 
 SMOOTHED = 13
-"""Number of bins over which the set point's power is averaged; `local_response` needs as many for one point."""
+"""Number of bins over which the set point's power is averaged; `local_response` uses the same number for one point."""
 EXCITED = 1e-4
 """Least power of the set point at an excited frequency, relative to its maximum."""
 LOST = 0.3
@@ -400,8 +400,8 @@ def _joint(
     else:
         first, second = (np.atleast_2d(np.cov([one.parameters[name] for name in names])) for one in draws)
         both = first, second
-    # A linearly dependent quantity adds no degree of freedom. The dependence differs slightly between the
-    # fingerprints, so the smaller rank counts.
+    # A quantity that depends linearly on others adds no degree of freedom. The ranks of the two covariances may differ,
+    # and the smaller one is used.
     told = min(_rank(covariance) for covariance in both)
     size = np.sqrt(np.diag(both[0] + both[1]))
     strength, direction = (

@@ -37,7 +37,7 @@ class Lines:
     amplitude_rpm: Array
     """Largest amplitude of each line [rpm], shape (F,)."""
     information: Array
-    """Information per second and share at the largest amplitude, in the r identifiable directions, shape (F, r, r)."""
+    """Information of each line at its largest amplitude, per second, in the r identifiable directions, shape (F, r, r)."""
     goal: Array
     """Matrix (r, r) with which trace(goal covariance) is the sum of relative variances of all identifiable quantities."""
     sensitivity: Sensitivity

@@ -41,7 +41,7 @@ GAINS = ("vK_p", "vK_i")
 """Gains that are searched as a ratio to tau_n, without a logarithm. Along a valley of the deviance (p - g) / tau_n and
 vK_i / tau_n rise in proportion; a logarithm would bend that valley."""
 RATIO_BOUNDS = {"g": (-50.0, 500.0), **dict.fromkeys(GAINS, (1e-5, 5e3))}
-"""Bounds of the ratios. They are wide, since intervals apply the bounds of the parameters."""
+"""Bounds of the ratios in a search. They are wide, and only the intervals are cut at the bounds of the parameters."""
 LEAST = 1e-9
 """Least argument of a logarithm, for a parameter whose lower bound is zero."""
 MOST_BEHIND, WALL, WALL_S = 0.95, 0.01, 1e-3

@@ -115,7 +115,7 @@ class Fingerprint(FingerprintTables, FingerprintSimulation):
     @checked
     def report(self, path: str | Path, **content: Any) -> Path:
         """Write `report.html` and return its path; options are `title`, `language`, `truth`, `vessel` and `structure`."""
-        # Imported by name, since this module does not depend on the report.
+        # The import is at run time, since the report imports this module.
         write: Callable[..., Path] = import_module("shipfp_rs.report").write_report
         return write(ending_in(path, ".html"), self, **content)
 

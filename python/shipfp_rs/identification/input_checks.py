@@ -43,7 +43,7 @@ POINT_OFF = 0.3
 
 def require_excited(experiments: Sequence[Experiment], *, follows: bool = True) -> None:
     """Refuse experiments without excitation, or with channels that do not match their names."""
-    # `follows` is whether a speed that hardly follows its set point is refused: at a limit the speed does not follow.
+    # With `follows`, a speed that hardly follows its set point is refused. Ships at a limit are checked without it.
     for experiment in experiments:
         if len(experiment) < LEAST_SAMPLES:
             raise InputError(

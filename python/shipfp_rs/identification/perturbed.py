@@ -159,7 +159,7 @@ def _chances(fit: Rebuilt) -> Array:
 
 
 def _minima(fit: Rebuilt, about: Sequence[Likelihood], draws: Sequence[tuple[int, int]]) -> list[Basin]:
-    """Return the minimum of each draw, given by the index of the minimum that its search starts from, and a seed."""
+    """Return the minimum of each draw. A draw is the index of the basin where its search starts, and a seed."""
     found = []
     for place, seed in draws:
         start = fit.basins[place].vector

@@ -1,8 +1,8 @@
 """Trials of limits of torque and rate and of a droop, which the full model lacks, where engine-side tests suggest them.
 
-A limit stays in the fit if it lowers the deviance by more than chance does, so that intervals allow for it. Its state is
-"on" if the deviance falls by much more (`ship_found.BELIEVED`). Minima are compared by their total deviance, each with the
-noise estimated from its own residuals.
+A limit stays in the fit if it lowers the deviance by more than chance does, so that intervals allow for it. The limit is
+reported as "on" only if the deviance falls by at least `ship_found.BELIEVED`. Minima are compared by their total deviance,
+each with the noise estimated from its own residuals.
 """
 
 from __future__ import annotations

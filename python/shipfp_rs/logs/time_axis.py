@@ -372,8 +372,8 @@ def _on_lines(times: Array, values: Array, at: Array, half: float) -> Array:
 def _on_ramps(times: Array, values: Array, at: Array, step: float) -> Array:
     """Samples of a two-state channel with ramps over two grid steps, which preserve the times of its changes.
 
-    An edge that bounces has several changes. The first one counts if the edge's last state differs from the state
-    before the edge; else none counts.
+    An edge that bounces has several changes of state. If the state after them differs from the state before them, the
+    first change counts; else none counts.
 
     Examples
     --------

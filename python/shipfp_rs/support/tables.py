@@ -127,7 +127,7 @@ class Tabular(Hinted):
         return cls._checked(columns, frame.attrs.get(FACTS), facts)
 
     def to_arrow(self) -> pa.Table:
-        """Return a `pyarrow.Table` with units in its fields' metadata; `polars.DataFrame(x)` also accepts `x` itself."""
+        """Return a `pyarrow.Table` with units in its fields' metadata. Polars converts the object without this method."""
         import pyarrow as pa
 
         values, units, facts = self._columns()

@@ -26,7 +26,7 @@ AHEAD = 2
 """Number of tasks submitted per worker: one runs and one waits, so that no worker is idle."""
 
 MOST_WORKERS = 1024
-"""Largest number of workers, more than one machine has cores or one process can supply with tasks."""
+"""Largest number of workers. No machine has so many cores, and one process could not supply more with tasks."""
 
 CONNECT_S = 10.0
 """Longest wait for a scheduler's answer [s]."""

@@ -140,8 +140,8 @@ def speed_from_pulses(
         the periods.
     time_std_s
         Standard deviation of the crossing times [s], one number or shape (N,), such as `PulseTimes.time_std_s`. By
-        default those of the `PulseTimes`, separately for sampling and noise, since sampling errors are correlated if a
-        pulse has few samples; 0 for plain times.
+        default, 0 for plain times; for `PulseTimes`, its standard deviations of sampling and of noise separately, since
+        sampling errors are correlated if a pulse has few samples.
 
     Returns
     -------

@@ -202,7 +202,7 @@ fn zeros(
         let mut after = next(w, gain);
         let mut now;
         (now, gain) = at_frequency(after);
-        // A root near the axis causes half a turn close to it, whose direction needs smaller steps.
+        // Near a root close to the axis, the curve makes half a turn. Its direction is seen only with smaller steps.
         while before[0] * now[0] + before[1] * now[1] < 0.0 && after - w > FINEST * w {
             after = 0.5 * (w + after);
             (now, gain) = at_frequency(after);
