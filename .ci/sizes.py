@@ -24,7 +24,7 @@ RUST_FUNCTION = re.compile(r"^( *)(?:pub(?:\([a-z]+\))? )?(?:const )?(?:unsafe )
 
 BUDGETS = {
     "constants": 243,
-    "python/shipfp_rs/identification": 10395,
+    "python/shipfp_rs/identification": 10394,
     "python/shipfp_rs/structures": 2720,
     "python/shipfp_rs/logs": 7523,
     "python/shipfp_rs/tacho": 1744,
@@ -36,7 +36,7 @@ BUDGETS = {
     "python/shipfp_rs/reproduce": 1799,
     "python/shipfp_rs/view": 2119,
     "python/shipfp_rs/sweeps": 1958,
-    "python/shipfp_rs/cli": 2080,
+    "python/shipfp_rs/cli": 2081,
     "python/shipfp_rs/vessel": 1667,
     "python/shipfp_rs/designs": 1542,
     "python/shipfp_rs/support": 2478,
@@ -48,7 +48,7 @@ BUDGETS = {
     "python/shipfp_rs/exports": 821,
     "python": 52611,
     "rust/src": 9869,
-    "tests": 40037,
+    "tests": 40039,
 }
 """Most lines of each room, and most numeric constants of identification and structures. A commit that earns it lowers a
 number; none is raised without a word in the commit's text."""

@@ -45,7 +45,9 @@ def test_equal_headings_of_numbers_beside_numbers_are_refused(scale: float, tmp_
 
 
 def test_times_of_edges_alone_are_no_log(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"times in 'Edge' and no values beside them.* file of \[channels"):
+    with pytest.raises(
+        InputError, match=r"times in 'Edge' and no values beside .* file = in \[channels\.NAME\] of"
+    ):
         opened(tmp_path, "Edge [s]", "0.1", "0.21", "0.33")
 
 

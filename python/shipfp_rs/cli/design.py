@@ -30,6 +30,7 @@ from shipfp_rs.support.units import unit_shown
 if TYPE_CHECKING:
     from shipfp_rs.designs import Generator, Noise, Plan
     from shipfp_rs.identification.draws import Draws
+    from shipfp_rs.identification.fingerprint import Fingerprint
 
 
 Kind = Literal["mix", "sines", "squares", "multisine", "chirp"]
@@ -113,12 +114,14 @@ def design(
 ) -> None:
     """Plan a trial: set point, expected accuracy, and files for crew and signal generator."""
     from shipfp_rs.designs import design as plan_of
+    from shipfp_rs.identification.fingerprint import Fingerprint
 
     bands = [_pair("--avoid", text) for text in avoid or ()]
     with progress() as notify, as_typed(TYPED):
         notify("designing")
+        earlier = Fingerprint.load(expected) if expected.endswith(".json") else None
         plan = plan_of(
-            expected,
+            earlier or expected,
             amplitude_rpm=amplitude,
             duration_s=duration,
             accuracy_pct=accuracy,
@@ -132,7 +135,7 @@ def design(
             highest_hz=highest,
             longest_samples=longest,
             generator=_generator(trial, expected, _pair("--volts", volts)),
-            draws=_draws(expected),
+            draws=_draws(earlier),
         )
         plan.save(out, force=force)
     print_results({"folder": str(out), **plan.to_dict()}, lambda: _print(plan), out, json=json)
@@ -164,13 +167,11 @@ def _print(plan: Plan) -> None:
         )
 
 
-def _draws(expected: str) -> Draws | None:
+def _draws(earlier: Fingerprint | None) -> Draws | None:
     """Draws from an earlier fingerprint, if its experiments are in the same folder; None without them."""
     from shipfp_rs.designs.subject import MOST_DRAWN
-    from shipfp_rs.identification.fingerprint import Fingerprint
 
-    found = Fingerprint.load(expected) if expected.endswith(".json") else None
-    return found.draws(MOST_DRAWN) if found and found.experiments and found.engine_described else None
+    return earlier.draws(MOST_DRAWN) if earlier and earlier.experiments and earlier.engine_described else None
 
 
 def _percent(value: float) -> str:

@@ -224,7 +224,7 @@ def _require_cause(experiment: Experiment, name: str, asked: Array, speed: Array
     if agreement[early] > late + CLEARLY + BY_CHANCE * chance:
         raise InputError(
             f"{experiment.name!r}: {name} moves {-early:.2g} s before the {DRIVES[experiment.driver]}, expected after it; "
-            "check the clocks of the two channels and at delay_s"
+            "check the clocks of the two channels and delay_s"
         )
 
 

@@ -36,8 +36,7 @@ STEPS = 15
 STIFF = 10.0
 """Standard deviation of a figure over the tolerance of the residual that holds it at a value."""
 SHRINK, SHRUNK = 0.15, 0.01
-"""Factor by which a profile's steps shrink, each time that bounds of parameters keep the figure from its next value; least
-scale of the steps, relative to the first."""
+"""Factor on a profile's step, each time that parameters on their bounds block it; least step, relative to the first."""
 FURTHER = 1.3
 """Largest extrapolation: distance of the interval's end from the minimum, over that of the last point inside."""
 REACHED = 0.9

@@ -44,7 +44,7 @@ def rebuilt(fingerprint: Fingerprint, structure: Structure | None = None) -> Reb
     if [one.name for one in experiments] != rows or "criterion" not in settings:
         found = ", ".join(one.name for one in experiments) or "none"
         raise InputError(
-            f"experiments: found {found}, expected {', '.join(rows) or 'some'}, which the fingerprint was fitted to; keep "
+            f"experiments: found {found}, expected {', '.join(rows) or 'some'}, the experiments that were fitted; keep "
             "experiments.parquet of its run beside fingerprint.json"
         )
     start, criterion = _start(fingerprint), settings["criterion"]

@@ -202,7 +202,7 @@ fn zeros(
         let mut after = next(w, gain);
         let mut now;
         (now, gain) = at_frequency(after);
-        // Near a root close to the axis, the curve makes half a turn. Its direction is seen only with smaller steps.
+        // A root close to the imaginary axis turns the Nyquist curve by half a turn. Only small frequency steps show which way.
         while before[0] * now[0] + before[1] * now[1] < 0.0 && after - w > FINEST * w {
             after = 0.5 * (w + after);
             (now, gain) = at_frequency(after);

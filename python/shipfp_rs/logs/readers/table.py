@@ -87,8 +87,8 @@ def log_of_table(
     fields = {name: entry for name, entry in fields.items() if entry[0].name not in times}
     if plans and not fields:
         raise InputError(
-            f"{path}: times in {plans[0].name!r} and no values beside them, expected a channel of numbers; give a list "
-            "of a tachometer's edges beside a log, as the key file of [channels.NAME] in TRIAL.toml"
+            f"{path}: times in {plans[0].name!r} and no values beside them, expected a channel of numbers; if "
+            "they are the edges of a tachometer, name this file with file = in [channels.NAME] of the log's TRIAL.toml"
         )
     if len(plans) == 1 and (long := find_long_table(path, fields, plans[0], batches)):
         return log_of_long_table(path, long, plans[0], rate_hz)
